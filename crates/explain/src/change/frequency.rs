@@ -24,7 +24,7 @@ const CLEAR: f64 = 0.06;
 const LEAST: usize = 20;
 /// Distance (ln) over which a function of frequency forgets: the half-power width 2ζ of a mode of 3
 /// % damping.
-const REACH: f64 = 0.06;
+pub const REACH: f64 = 0.06;
 /// What the functions of two stages, or of a stage and the background, have in common: each drives
 /// the modes at other places. A belief, between 0 (nothing in common) and 1.
 const COMMON: f64 = 0.7;
@@ -263,6 +263,17 @@ impl Free {
     /// The same where a part of the changes is predicted, by their position and one of so many
     /// forms: on average over the forms, of which each channel has its own.
     pub fn log_evidence_of(&self, forms: usize, predicted: &dyn Fn(usize, usize) -> f64) -> f64 {
+        log_mean_exp(&self.by_forms(forms, predicted))
+    }
+
+    /// The form that a channel has in a combination; `None` of a channel that is not asked.
+    pub fn form(&self, forms: usize, combination: usize, channel: usize) -> Option<usize> {
+        let at = self.channels.iter().position(|c| *c == channel)?;
+        Some(combination / forms.pow(at as u32) % forms)
+    }
+
+    /// The log evidence (nats) of each combination of forms.
+    pub fn by_forms(&self, forms: usize, predicted: &dyn Fn(usize, usize) -> f64) -> Vec<f64> {
         let channels = self.channels.len();
         let column = |k: usize| {
             let of = |(i, key): (usize, &Key)| match k {
@@ -286,7 +297,7 @@ impl Free {
             };
             products.iter().map(of_size).fold(f64::NEG_INFINITY, f64::max)
         };
-        log_mean_exp(&(0..combinations).map(of_combination).collect::<Vec<_>>())
+        (0..combinations).map(of_combination).collect()
     }
 }
 

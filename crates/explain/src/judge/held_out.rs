@@ -6,7 +6,7 @@
 //! at the other points, which needs no physics. Between explanations that the lines left open the
 //! better prediction decides.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
 use gearwatch_core::bench::EffectSpec;
@@ -15,6 +15,7 @@ use gearwatch_sim::effects::{self, EntryPoint};
 use rayon::prelude::*;
 
 use crate::change::compare::{Comparison, LineChange};
+use crate::change::frequency;
 use crate::change::masks::INDEPENDENT;
 use crate::finding::Finding;
 use crate::finding::is_path;
@@ -86,6 +87,35 @@ pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> 
         finding.effect, finding.place
     ));
     Some(probability)
+}
+
+/// How much better (nats) a finding of a shaft's bearings predicts what is held out than a changed
+/// path; `None` where nothing is held out, what was is within repetition of its reference, or one of
+/// them has no model.
+pub fn ahead(q: &Question<'_>, bearing: &Finding, path: &Finding, steps: &mut Vec<String>) -> Option<f64> {
+    let held = left_out(q.comparison);
+    let none = Residuals::of(q.comparison, &vec![Prediction::default(); q.comparison.lines.len()], &held);
+    if held.is_empty() || none.held <= 1.0 {
+        return None;
+    }
+    let (bearing, path) = (of_finding(bearing), of_finding(path));
+    let grounds = Grounds::new(q, &held, std::slice::from_ref(&path));
+    let left = |predicted: Vec<Prediction>| Residuals::of(q.comparison, &predicted, &held).held;
+    let of_path = left(predict::predict(&grounds, std::slice::from_ref(&path))?);
+    let of_bearing = left(predict::by_bearings(&grounds, &bearing)?);
+    // Both err by functions of frequency: lines near each other on one sensor are one witness.
+    let lines = q.comparison.lines.iter().filter(|l| held.contains(&l.pair));
+    let witnesses: BTreeSet<(usize, i64)> =
+        lines.map(|l| (l.channel, (l.frequency_hz.ln() / frequency::REACH) as i64)).collect();
+    let ratio = of_path.max(1.0) / of_bearing.max(1.0);
+    let nats = (witnesses.len() as f64 * ratio.ln()).clamp(-MOST, MOST);
+    steps.push(format!(
+        "held out: {} leaves {of_bearing:.2}, {} {of_path:.2} and no effect {:.2}: {nats:.1} nats for the first",
+        words(&bearing.spec),
+        words(&path.spec),
+        none.held
+    ));
+    Some(nats)
 }
 
 /// Probability of a path, which was `stated` before, whose model leaves so much of the held-out
@@ -272,10 +302,11 @@ pub fn of_finding(f: &Finding) -> Named {
 
 /// The first effect of the machine at another place of the same kind: nothing was found there.
 fn elsewhere(q: &Question<'_>, named: &[Named]) -> Option<(String, Vec<Named>)> {
+    // A mode of the structure is read from all sensors, wherever it is.
     let at = named
         .iter()
         .position(|n| !is_path(&n.spec.effect, &n.spec.place))
-        .or_else(|| (!named.is_empty()).then_some(0))?;
+        .or_else(|| named.iter().position(|n| n.spec.effect != "structural_resonance"))?;
     let own = &named[at].spec;
     let effect = effects::find(&own.effect).ok()?;
     let place = places_of(q, &own.place).into_iter().find(|p| {

@@ -3,6 +3,7 @@
 
 use crate::change::locate::{self, Cell};
 use crate::finding::{Finding, HOUSING};
+use crate::name::own_sensor::{self, Leader};
 use crate::name::path_form::{
     DampingFit, PathFit, Profile, damping_fit, mounting_fit, one_factor_misfit, profile, resonance_fit,
 };
@@ -41,6 +42,8 @@ const LINE_SHARE_LONE: f64 = 0.66;
 /// What remains to doubt of a path of all sensors: what else they may have in common; of a support
 /// that was taken for one, the sheet's masses too.
 pub const SUREST: f64 = 0.8;
+/// From this probability on the place of a path leaves no other open.
+const SUREST_PLACE: f64 = 0.95;
 /// How far a line lies from the band of background that stands for it (ln).
 const BAND_SIGMA: f64 = 0.2;
 
@@ -126,9 +129,15 @@ fn moved_together(&(share, misfit): &(f64, f64)) -> bool {
     share > FLOOR_SHARE && share * misfit > TOGETHER
 }
 
-/// A changed path that all sensors have in common: on each of several the background moved as the
-/// same function of frequency at every speed, and the lines with it.
-fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Option<Finding> {
+/// A changed path that reaches all sensors: on each of several the background moved as the same
+/// function of frequency at every speed, and the lines with it.
+fn of_several(
+    q: &Question<'_>,
+    cells: &[Cell],
+    floors: &[(f64, f64)],
+    by_frequency: &dyn Fn() -> Option<Vec<Cell>>,
+    steps: &mut Vec<String>,
+) -> Option<Finding> {
     if floors.len() < 2 || !floors.iter().all(moved_together) {
         return None;
     }
@@ -145,7 +154,44 @@ fn housing(cells: &[Cell], floors: &[(f64, f64)], steps: &mut Vec<String>) -> Op
     if !follow(shared, weight.sqrt().recip()) {
         return None;
     }
-    Some(of_all(cells, floors.len(), steps))
+    let by_frequency = by_frequency().unwrap_or_else(|| cells.to_vec());
+    Some(of_all_or_one(q, (cells, &by_frequency), floors, (1.0, 0), steps))
+}
+
+/// What a changed path is that is clearest on one sensor and reaches all with the probability
+/// `all`: the housing's, or that of the sensor which it moved most. `floors` has the share of each
+/// sensor's background that the same function of frequency at all speeds accounts for, and its
+/// misfit per band; `by_frequency` the part of the changes that is one.
+fn of_all_or_one(
+    q: &Question<'_>,
+    (cells, by_frequency): (&[Cell], &[Cell]),
+    floors: &[(f64, f64)],
+    (all, clearest): (f64, usize),
+    steps: &mut Vec<String>,
+) -> Finding {
+    let leader = own_sensor::leader(by_frequency, floors.len());
+    if let Some(Leader { channel, lead, own }) = leader {
+        steps.push(format!(
+            "the path moved {} {:.1} times as much as the next sensor: its own with probability {own:.2}, twice as much being even odds",
+            q.comparison.channels[channel],
+            lead.exp()
+        ));
+    }
+    let of_housing = all * leader.map_or(1.0, |l| 1.0 - l.own);
+    let mut f = if of_housing < 0.5 {
+        let own = leader.map_or(clearest, |l| l.channel);
+        let (share, misfit) = floors[own];
+        of_one(q, cells, (own, floors.len()), (misfit, share), all >= 0.5, steps)
+    } else {
+        of_all(cells, floors.len(), steps)
+    };
+    f.probability *= of_housing.max(1.0 - of_housing);
+    if f.place != HOUSING && of_housing > 1.0 - SUREST_PLACE {
+        f.alternatives.push(("structural_resonance", HOUSING.to_owned()));
+    } else if let Some(l) = leader.filter(|l| f.place == HOUSING && l.own > 1.0 - SUREST_PLACE) {
+        f.alternatives.push(("structural_resonance", q.comparison.channels[l.channel].clone()));
+    }
+    f
 }
 
 /// What a changed path of all sensors is: modes that are damped otherwise, or one that came or
@@ -195,11 +241,13 @@ pub fn may_be_the_housing(f: &Finding) -> bool {
     f.place == HOUSING || f.alternatives.iter().any(|(_, place)| place == HOUSING)
 }
 
-/// The channels whose path or gain changed, and what to call it.
+/// The channels whose path or gain changed, and what to call it; `by_frequency` gives the part of the
+/// changes that is a function of frequency.
 pub fn path(
     q: &Question<'_>,
     cells: &[Cell],
     speeds: &[f64],
+    by_frequency: &dyn Fn() -> Option<Vec<Cell>>,
     steps: &mut Vec<String>,
 ) -> Option<(Vec<usize>, Finding)> {
     let mut best: Option<(usize, f64, f64)> = None;
@@ -219,7 +267,7 @@ pub fn path(
     let noisy = |k: usize, other: f64| k != c && other > FLOOR_MISFIT && misfit < STEADIER * other;
     let all = floors.len() > 1 && floors.iter().all(moved_together);
     if all || floors.iter().enumerate().any(|(k, (_, other))| noisy(k, *other)) {
-        return Some(((0..floors.len()).collect(), housing(cells, &floors, steps)?));
+        return Some(((0..floors.len()).collect(), of_several(q, cells, &floors, by_frequency, steps)?));
     }
     let lines = |k: usize| locate::line_misfit(cells, Some(k));
     let others = (0..q.comparison.channels.len()).filter(|k| *k != c).map(lines).fold(f64::NAN, f64::min);
@@ -231,7 +279,7 @@ pub fn path(
     if !follow(follows, sigma) || others > OTHERS_SHARE * own {
         return None;
     }
-    let f = of_one(q, cells, (c, floors.len()), (misfit, share), steps);
+    let f = of_one(q, cells, (c, floors.len()), (misfit, share), false, steps);
     Some((vec![c], f))
 }
 
@@ -252,14 +300,8 @@ pub fn of_lines(
     let sensors = q.comparison.channels.len();
     let others: f64 = by_channel.iter().sum::<f64>() - by_channel[clearest];
     let all = if sensors > 1 { probability(others) } else { 0.0 };
-    let mut f = if all >= 0.5 {
-        of_all(cells, sensors, steps)
-    } else {
-        let (share, misfit) = locate::floor_account(cells, clearest, speeds);
-        of_one(q, cells, (clearest, sensors), (misfit, share), steps)
-    };
-    f.probability *= all.max(1.0 - all);
-    Some(f)
+    let floors: Vec<(f64, f64)> = (0..sensors).map(|c| locate::floor_account(cells, c, speeds)).collect();
+    Some(of_all_or_one(q, (cells, cells), &floors, (all, clearest), steps))
 }
 
 /// Probability by log odds (nats), however large.
@@ -268,12 +310,14 @@ fn probability(nats: f64) -> f64 {
 }
 
 /// What the changed path or gain of one sensor out of so many is; its background moved by `misfit`
-/// per band, of which the same function of frequency at all speeds is a `share`.
+/// per band, of which the same function of frequency at all speeds is a `share`. A mounting does
+/// not reach other sensors.
 fn of_one(
     q: &Question<'_>,
     cells: &[Cell],
     (c, sensors): (usize, usize),
     (misfit, share): (f64, f64),
+    reaches_others: bool,
     steps: &mut Vec<String>,
 ) -> Finding {
     let name = q.comparison.channels[c].clone();
@@ -306,7 +350,7 @@ fn of_one(
             format!("every line and the background of this channel by the same factor {:.3}", middle.exp());
         return f;
     }
-    let (first, second) = if mounting.left <= resonance.left {
+    let (first, second) = if mounting.left <= resonance.left && !reaches_others {
         ("sensor_mounting", "structural_resonance")
     } else {
         ("structural_resonance", "sensor_mounting")

@@ -22,6 +22,7 @@ use crate::change::frequency::{Free, log_mean_exp};
 use crate::change::locate::Cell;
 use crate::finding::Finding;
 use crate::fit::refit;
+use crate::judge::held_out;
 use crate::name::path::{self, SUREST};
 use crate::question::Question;
 use crate::read::lines::Family;
@@ -116,8 +117,37 @@ pub fn weigh(
         "what the sheet's bearings and masses make of it agrees with the mesh lines better than a mode of the housing, by {:.1} nats",
         best.odds - mode
     );
+    // The odds leave a function of frequency beside the support: what its own model foresees is no
+    // part of them.
+    if let Some(ahead) = held_out::ahead(q, &f, finding, steps) {
+        let odds = ahead + best.odds - log_mean_exp(&[0.0, mode]) - 2f64.ln();
+        let sure = (1.0 + (-odds).exp()).recip();
+        if sure < 0.5 {
+            finding.probability *= 1.0 - sure;
+            return false;
+        }
+        f.probability *= sure;
+    }
     *finding = f;
     orders_beside && fitted
+}
+
+/// What all lines of a comparison do by a finding of a shaft's bearings, as the recordings that are
+/// not held out show it: mesh harmonics and sidebands alike. `None` of another finding, or without a
+/// model.
+pub fn foreseen(q: &Question<'_>, cells: &[Cell], finding: (&str, &str)) -> Option<Vec<f64>> {
+    let comparison = q.comparison;
+    let speeds: Vec<f64> = comparison.pairs.iter().map(|p| p.speed_hz).collect();
+    let fitted: Vec<Cell> = cells.iter().filter(|c| !comparison.pairs[c.pair].held_out).copied().collect();
+    let of_mesh = |f: Family| matches!(f, Family::Mesh { .. } | Family::Side { .. });
+    let asked = comparison.lines.iter().enumerate().filter(|(_, l)| of_mesh(l.family));
+    let (at, lines): (Vec<usize>, Vec<(usize, At)>) =
+        asked.map(|(i, l)| (i, (l.channel, (l.pair, stage_of(l.family), l.frequency_hz)))).unzip();
+    let mut out = vec![0.0; comparison.lines.len()];
+    for (i, change) in at.into_iter().zip(bearings::foreseen(q, (&fitted, &speeds), finding, &lines)?) {
+        out[i] = change;
+    }
+    Some(out)
 }
 
 /// Whether an effect is one of a bearing or a mesh that is weighed so.

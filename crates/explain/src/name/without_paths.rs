@@ -1,5 +1,7 @@
 //! What changed sensor paths did, named and taken out: first by the background, then by the lines.
 
+use std::cell::LazyCell;
+
 use crate::change::frequency::{self, Frequency};
 use crate::change::locate::{self, Cell};
 use crate::finding::{Finding, HOUSING};
@@ -37,11 +39,13 @@ pub fn without_paths(
         locate::line_misfit(cells, None)
     ));
     let (paths, leads) = (found.findings.len(), found.nearest.len());
-    let mut clear = by_background(q, cells, speeds, found);
+    let by_frequency = LazyCell::new(|| frequency::frequency(cells, speeds));
+    let (reaches_all, mut clear) =
+        by_background(q, (cells, speeds), &|| by_frequency.as_ref().map(|f| f.apart(cells).0), found);
     let (mut orders_beside, mut given_up) = (false, Vec::new());
-    let of_all = is_of_all(q, cells, &found.findings[paths..]);
+    let of_all = reaches_all || is_of_all(q, cells, &found.findings[paths..]);
     if (of_all || (found.findings.len() == paths && locate::line_misfit(cells, None) >= MISFIT))
-        && let Some(by_frequency) = frequency::frequency(cells, speeds)
+        && let Some(by_frequency) = LazyCell::force(&by_frequency)
     {
         found.steps.push(format!(
             "a function of frequency accounts for the change {:.0} nats better than orders, beside them {:.0}",
@@ -51,7 +55,7 @@ pub fn without_paths(
             // Meshes that changed bring more or less into the background too.
             given_up.extend(found.findings.drain(paths..));
             clear = (cells.to_vec(), false);
-        } else if !of_all && let Some(by_lines) = by_lines(q, cells, speeds, &by_frequency, found) {
+        } else if !of_all && let Some(by_lines) = by_lines(q, cells, speeds, by_frequency, found) {
             // What the background alone would not prove is proved by the lines.
             found.nearest.truncate(leads);
             clear = by_lines;
@@ -60,7 +64,8 @@ pub fn without_paths(
     }
     // Supports of a shaft pass for the housing.
     let mut for_machine = false;
-    if let Some(at) = (paths..found.findings.len()).find(|at| path::may_be_the_housing(&found.findings[*at]))
+    let may_be_of_all = |at: &usize| reaches_all || path::may_be_the_housing(&found.findings[*at]);
+    if let Some(at) = (paths..found.findings.len()).find(may_be_of_all)
         && supports::weigh(q, (cells, speeds), orders_beside, &mut found.findings[at], found.steps)
         && may_give_up
     {
@@ -72,20 +77,28 @@ pub fn without_paths(
     WithoutPaths { cells, under_path, given_up, for_machine }
 }
 
-/// The same by the background first: what moved there, and the lines with it.
-fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut Found<'_>) -> (Vec<Cell>, bool) {
+/// The same by the background first: what moved there, and the lines with it. Says before whether
+/// one path reaches all sensors.
+fn by_background(
+    q: &Question<'_>,
+    (cells, speeds): (&[Cell], &[f64]),
+    by_frequency: &dyn Fn() -> Option<Vec<Cell>>,
+    found: &mut Found<'_>,
+) -> (bool, (Vec<Cell>, bool)) {
     let mut remaining: Vec<Cell> = cells.to_vec();
+    let mut reaches_all = false;
     let known = found.findings.len();
     if speeds.iter().all(|s| (s / speeds[0] - 1.0).abs() < 0.1) {
         found.findings.extend(path::paths_at_one_speed(q, &mut remaining, found.steps));
-    } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, found.steps) {
+    } else if let Some((channels, mut finding)) = path::path(q, cells, speeds, by_frequency, found.steps) {
         if let Some(probability) = held_out::of_path(q, &finding, found.steps) {
             if probability < held_out::UNPROVED {
                 found.nearest.push(Finding { probability, ..finding });
-                return (cells.to_vec(), false);
+                return (false, (cells.to_vec(), false));
             }
             finding.probability = finding.probability.min(probability);
         }
+        reaches_all = channels.len() > 1;
         for channel in channels {
             remaining = locate::without_path(&remaining, channel, speeds);
         }
@@ -93,8 +106,8 @@ fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
     }
     let paths = &found.findings[known..];
     let changed = |c: &Cell| paths.iter().find(|f| of_path(q, f, c));
-    if paths.is_empty() || remaining.iter().all(|c| changed(c).is_some()) {
-        return (remaining, !paths.is_empty());
+    if paths.is_empty() || reaches_all || remaining.iter().all(|c| changed(c).is_some()) {
+        return (reaches_all, (remaining, !paths.is_empty()));
     }
     let clear = cells.iter().filter_map(|c| match changed(c) {
         None => Some(*c),
@@ -103,7 +116,7 @@ fn by_background(q: &Question<'_>, cells: &[Cell], speeds: &[f64], found: &mut F
             Some(Cell { change: c.change - factor.value.ln(), ..*c })
         }
     });
-    (clear.collect(), false)
+    (false, (clear.collect(), false))
 }
 
 /// The same by the lines first: a function of frequency, alone (true) or beside what goes with

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::passing::{self, At, FORMS, Passed};
 use super::{OFF, Support, at, odds_of, with};
 use crate::change::frequency::Free;
+use crate::change::locate::Cell;
 use crate::fit::refit;
 use crate::fit::shape::{self, Model};
 use crate::question::Question;
@@ -46,17 +47,64 @@ pub(super) fn bearings(q: &Question<'_>, plain: &SimSetup, free: &Free) -> Optio
     asked.map(of).collect()
 }
 
+/// What some lines do by a finding of a shaft's bearings, on average over all its sizes and what the
+/// sensors may read, as likely as the changes that are `fitted` make them; `None` of another
+/// finding, or without a model of the meshes. The lines are given with their channels.
+pub(super) fn foreseen(
+    q: &Question<'_>,
+    (fitted, speeds): (&[Cell], &[f64]),
+    (effect, place): (&str, &str),
+    lines: &[(usize, At)],
+) -> Option<Vec<f64>> {
+    let (free, plain) = (Free::of_meshes(fitted, speeds)?, refit::sheet::setup(q.bench)?);
+    let model = shape::model(&plain, &q.comparison.pairs)?;
+    let shaft = q.bench.shafts.iter().position(|s| s.name == place)?;
+    let asked = *EFFECTS.iter().find(|e| e.0 == effect)?;
+    let known = at(&free);
+    let all: Vec<At> = known.iter().copied().chain(lines.iter().map(|l| l.1)).collect();
+    let mut sizes: Vec<(Vec<f64>, Vec<Passed>, Vec<Passed>)> = Vec::new();
+    let asking = Asked { q, model: &model, lines: &all, shaft };
+    asking.each_size(&plain, asked, &mut |_, likely, before, after| {
+        let predicted = |line: usize, form: usize| asking.change(line, (before, after), form);
+        let evidence = free.by_forms(FORMS, &predicted).into_iter().map(|nats| nats + likely).collect();
+        sizes.push((evidence, before[known.len()..].to_vec(), after[known.len()..].to_vec()));
+    })?;
+    let most = sizes.iter().flat_map(|s| s.0.iter().copied()).reduce(f64::max)?;
+    let weight = |nats: f64| (nats - most).exp();
+    let sum: f64 = sizes.iter().flat_map(|s| &s.0).map(|nats| weight(*nats)).sum();
+    let of = |(line, (channel, at)): (usize, &(usize, At))| {
+        let of_size = |(evidence, before, after): &(Vec<f64>, Vec<Passed>, Vec<Passed>)| -> f64 {
+            let of_form = |form: usize| passing::change(&before[line], &after[line], asking.gear(at.1), form);
+            let changes: Vec<f64> = (0..FORMS).map(of_form).collect();
+            let by_form = |(n, nats): (usize, &f64)| {
+                free.form(FORMS, n, *channel).map_or(0.0, |form| weight(*nats) * changes[form])
+            };
+            evidence.iter().enumerate().map(by_form).sum()
+        };
+        sizes.iter().map(of_size).sum::<f64>() / sum
+    };
+    Some(lines.iter().enumerate().map(of).collect())
+}
+
 impl Asked<'_> {
-    fn support(
+    /// Whether the gear of a stage that the shaft carries is its pinion (0) or its wheel (1).
+    fn gear(&self, stage: usize) -> usize {
+        usize::from(self.shaft > stage)
+    }
+
+    fn change(&self, line: usize, (before, after): (&[Passed], &[Passed]), form: usize) -> f64 {
+        passing::change(&before[line], &after[line], self.gear(self.lines[line].1), form)
+    }
+
+    /// Every size of an effect, its prior (nats), and what is passed on without it and with it, for
+    /// a bearing that is as the sheet says or off by its tolerance.
+    fn each_size(
         &self,
         plain: &SimSetup,
-        free: &Free,
-        (effect, parameter, sizes): (&'static str, &str, &[f64]),
-    ) -> Option<Support> {
+        (effect, parameter, sizes): (&str, &str, &[f64]),
+        of: &mut dyn FnMut(f64, f64, &[Passed], &[Passed]),
+    ) -> Option<()> {
         let place = &self.q.bench.shafts[self.shaft].name;
-        let any = free.log_evidence();
-        let gear = |stage: usize| usize::from(self.shaft > stage);
-        let mut all: Vec<(f64, f64)> = Vec::new();
         for (off, likely) in OFF {
             let usual = with(plain, "bearing_compliance", place, ("factor", (off * refit::STIFFNESS_TOLERANCE).exp()))?;
             let before = passing::passed(self.model, &usual, self.lines)?;
@@ -68,15 +116,21 @@ impl Asked<'_> {
                         .and_then(|changed| passing::passed(self.model, &changed, self.lines))
                 };
                 let Some(after) = after else { continue };
-                let predicted = |line: usize, form: usize| {
-                    passing::change(&before[line], &after[line], gear(self.lines[line].1), form)
-                };
-                let evidence = free.log_evidence_of(FORMS, &predicted);
-                all.push((*size, evidence - any + likely.ln() - (sizes.len() as f64).ln()));
+                of(*size, likely.ln() - (sizes.len() as f64).ln(), &before, &after);
             }
         }
+        Some(())
+    }
+
+    fn support(&self, plain: &SimSetup, free: &Free, asked: (&'static str, &str, &[f64])) -> Option<Support> {
+        let any = free.log_evidence();
+        let mut all: Vec<(f64, f64)> = Vec::new();
+        self.each_size(plain, asked, &mut |size, likely, before, after| {
+            let predicted = |line: usize, form: usize| self.change(line, (before, after), form);
+            all.push((size, free.log_evidence_of(FORMS, &predicted) - any + likely));
+        })?;
         let (odds, size) = odds_of(&all)?;
-        Some(Support { effect, place: place.clone(), odds, size })
+        Some(Support { effect: asked.0, place: self.q.bench.shafts[self.shaft].name.clone(), odds, size })
     }
 
     /// What is passed on where the seat has a radial gap (m): across the load as by a bearing that
