@@ -90,8 +90,8 @@ pub fn of_path(q: &Question<'_>, finding: &Finding, steps: &mut Vec<String>) -> 
 }
 
 /// How much better (nats) a finding of a shaft's bearings predicts what is held out than a changed
-/// path; `None` where nothing is held out, what was is within repetition of its reference, or one of
-/// them has no model.
+/// path; `None` where nothing is held out, what was is within repetition of its reference, or one
+/// of them has no model.
 pub fn ahead(q: &Question<'_>, bearing: &Finding, path: &Finding, steps: &mut Vec<String>) -> Option<f64> {
     let held = left_out(q.comparison);
     let none = Residuals::of(q.comparison, &vec![Prediction::default(); q.comparison.lines.len()], &held);

@@ -241,8 +241,8 @@ pub fn may_be_the_housing(f: &Finding) -> bool {
     f.place == HOUSING || f.alternatives.iter().any(|(_, place)| place == HOUSING)
 }
 
-/// The channels whose path or gain changed, and what to call it; `by_frequency` gives the part of the
-/// changes that is a function of frequency.
+/// The channels whose path or gain changed, and what to call it; `by_frequency` gives the part of
+/// the changes that is a function of frequency.
 pub fn path(
     q: &Question<'_>,
     cells: &[Cell],

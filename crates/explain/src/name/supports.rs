@@ -18,7 +18,7 @@ use num_complex::Complex64;
 use rayon::prelude::*;
 
 use self::passing::At;
-use crate::change::frequency::{Free, log_mean_exp};
+use crate::change::frequency::{Free, Frequency, log_mean_exp};
 use crate::change::locate::Cell;
 use crate::finding::Finding;
 use crate::fit::refit;
@@ -61,12 +61,13 @@ struct Support {
 ///
 /// Returns true where the lines, as a whole, are likely to say what happened: the meshes together
 /// are likelier than all else, or stiffness or damping of a support is where other changes go with
-/// orders (`orders_beside`), which are its own then.
+/// orders beside the function of frequency (`by_frequency`, where it was asked for), which are its
+/// own then.
 #[must_use]
 pub fn weigh(
     q: &Question<'_>,
     (cells, speeds): (&[Cell], &[f64]),
-    orders_beside: bool,
+    by_frequency: Option<&Frequency>,
     finding: &mut Finding,
     steps: &mut Vec<String>,
 ) -> bool {
@@ -118,8 +119,9 @@ pub fn weigh(
         best.odds - mode
     );
     // The odds leave a function of frequency beside the support: what its own model foresees is no
-    // part of them.
-    if let Some(ahead) = held_out::ahead(q, &f, finding, steps) {
+    // part of them. Where the lines go with orders, those that are held out tell of that.
+    let rather_orders = by_frequency.is_some_and(|f| f.alone < 0.0);
+    if !rather_orders && let Some(ahead) = held_out::ahead(q, &f, finding, steps) {
         let odds = ahead + best.odds - log_mean_exp(&[0.0, mode]) - 2f64.ln();
         let sure = (1.0 + (-odds).exp()).recip();
         if sure < 0.5 {
@@ -129,12 +131,12 @@ pub fn weigh(
         f.probability *= sure;
     }
     *finding = f;
-    orders_beside && fitted
+    by_frequency.is_some_and(Frequency::has_orders_beside) && fitted
 }
 
 /// What all lines of a comparison do by a finding of a shaft's bearings, as the recordings that are
-/// not held out show it: mesh harmonics and sidebands alike. `None` of another finding, or without a
-/// model.
+/// not held out show it: mesh harmonics and sidebands alike. `None` of another finding, or without
+/// a model.
 pub fn foreseen(q: &Question<'_>, cells: &[Cell], finding: (&str, &str)) -> Option<Vec<f64>> {
     let comparison = q.comparison;
     let speeds: Vec<f64> = comparison.pairs.iter().map(|p| p.speed_hz).collect();

@@ -42,7 +42,7 @@ pub fn without_paths(
     let by_frequency = LazyCell::new(|| frequency::frequency(cells, speeds));
     let (reaches_all, mut clear) =
         by_background(q, (cells, speeds), &|| by_frequency.as_ref().map(|f| f.apart(cells).0), found);
-    let (mut orders_beside, mut given_up) = (false, Vec::new());
+    let (mut asked, mut given_up) = (None, Vec::new());
     let of_all = reaches_all || is_of_all(q, cells, &found.findings[paths..]);
     if (of_all || (found.findings.len() == paths && locate::line_misfit(cells, None) >= MISFIT))
         && let Some(by_frequency) = LazyCell::force(&by_frequency)
@@ -60,13 +60,13 @@ pub fn without_paths(
             found.nearest.truncate(leads);
             clear = by_lines;
         }
-        orders_beside = by_frequency.has_orders_beside();
+        asked = Some(by_frequency);
     }
     // Supports of a shaft pass for the housing.
     let mut for_machine = false;
     let may_be_of_all = |at: &usize| reaches_all || path::may_be_the_housing(&found.findings[*at]);
     if let Some(at) = (paths..found.findings.len()).find(may_be_of_all)
-        && supports::weigh(q, (cells, speeds), orders_beside, &mut found.findings[at], found.steps)
+        && supports::weigh(q, (cells, speeds), asked, &mut found.findings[at], found.steps)
         && may_give_up
     {
         found.findings.remove(at);
