@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use crate::change::compare::{Comparison, LineChange};
 use crate::change::frequency;
+use crate::change::locate;
 use crate::change::masks::INDEPENDENT;
 use crate::finding::Finding;
 use crate::finding::is_path;
@@ -102,7 +103,10 @@ pub fn ahead(q: &Question<'_>, bearing: &Finding, path: &Finding, steps: &mut Ve
     let grounds = Grounds::new(q, &held, std::slice::from_ref(&path));
     let left = |predicted: Vec<Prediction>| Residuals::of(q.comparison, &predicted, &held).held;
     let of_path = left(predict::predict(&grounds, std::slice::from_ref(&path))?);
-    let of_bearing = left(predict::by_bearings(&grounds, &bearing)?);
+    let known = q.comparison.holding_out(&held);
+    let asked = Question { comparison: &known, ..*q };
+    let foreseen = supports::foreseen(&asked, &locate::cells(&known), (&bearing.spec.effect, &bearing.spec.place))?;
+    let of_bearing = left(foreseen.into_iter().map(Prediction::certain).collect());
     // Both err by functions of frequency: lines near each other on one sensor are one witness.
     let lines = q.comparison.lines.iter().filter(|l| held.contains(&l.pair));
     let witnesses: BTreeSet<(usize, i64)> =

@@ -22,7 +22,6 @@ use crate::finding::HOUSING;
 use crate::finding::is_path;
 use crate::fit::refit::{self, Base, Foreseen};
 use crate::judge::added::{Added, Gains};
-use crate::name::supports;
 use crate::question::Question;
 use crate::read::features::RecordingFeatures;
 use crate::read::lines::Family;
@@ -158,14 +157,6 @@ pub fn predict(grounds: &Grounds<'_>, named: &[Named]) -> Option<Vec<Prediction>
         }
     }
     Some(out)
-}
-
-/// The same for a finding of a shaft's bearings, sidebands and all, by what they pass on at each
-/// frequency; `None` where there is no model of that.
-pub fn by_bearings(grounds: &Grounds<'_>, named: &Named) -> Option<Vec<Prediction>> {
-    let finding = (named.spec.effect.as_str(), named.spec.place.as_str());
-    let all = supports::foreseen(&grounds.question(), &grounds.cells, finding)?;
-    Some(all.into_iter().map(Prediction::certain).collect())
 }
 
 /// What a path does about a frequency, or to all, beside what the machine does to each line, as the
