@@ -66,8 +66,8 @@ mod tests {
         changes.iter().map(of).collect()
     }
 
-    /// Changes of 0.5 and 0.2 on the sensors: the lead is ln 2.5. Twice as much is even odds; as much
-    /// on both is the housing's, and where the other stands still the path is its own.
+    /// Changes of 0.5 and 0.2 on the sensors: the lead is ln 2.5. Twice as much is even odds; as
+    /// much on both is the housing's, and where the other stands still the path is its own.
     #[test]
     fn analytic_a_path_is_the_own_of_a_sensor_that_it_moves_twice_as_much() {
         let found = leader(&lines(&[(0, 0.2), (0, -0.2), (1, 0.5), (1, -0.5)]), 2).unwrap();
