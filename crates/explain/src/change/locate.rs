@@ -283,6 +283,21 @@ pub fn follows_background(all: &[Cell], channel: usize) -> Option<(f64, f64)> {
     (square > 0.0).then(|| (product / square, square.sqrt().recip()))
 }
 
+/// A line for tests, which say what it is about.
+#[cfg(test)]
+pub const LINE: Cell = Cell {
+    pair: 0,
+    channel: 0,
+    family: Some(Family::Mesh { stage: 0, harmonic: 1 }),
+    frequency_hz: 100.0,
+    change: 0.0,
+    turn: None,
+    variance: 0.01,
+    noise: 0.0,
+    repetition: 0.01,
+    differs: 1.0,
+};
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -294,19 +309,8 @@ mod tests {
             .flat_map(|k| {
                 let frequency_hz = 200.0 * 1.04f64.powi(k);
                 let moved = 0.5 * (0.3 * f64::from(k)).sin();
-                let cell = |family, change| Cell {
-                    pair: 0,
-                    channel: 0,
-                    family,
-                    frequency_hz,
-                    change,
-                    turn: None,
-                    variance: 0.01,
-                    noise: 0.0,
-                    repetition: 0.01,
-                    differs: 1.0,
-                };
-                [cell(None, moved), cell(Some(Family::Mesh { stage: 0, harmonic: 1 }), times * moved)]
+                let cell = |family, change| Cell { family, frequency_hz, change, ..LINE };
+                [cell(None, moved), cell(LINE.family, times * moved)]
             })
             .collect()
     }

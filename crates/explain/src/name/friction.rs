@@ -71,20 +71,10 @@ pub fn friction(q: &Question<'_>, cells: &[Cell]) -> Option<Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::change::locate::LINE;
 
     fn cell(family: Family, change: f64) -> Cell {
-        Cell {
-            pair: 0,
-            channel: 0,
-            family: Some(family),
-            frequency_hz: 100.0,
-            change,
-            turn: None,
-            variance: 0.01,
-            noise: 0.0,
-            repetition: 0.01,
-            differs: 1.0,
-        }
+        Cell { family: Some(family), change, ..LINE }
     }
 
     #[test]
