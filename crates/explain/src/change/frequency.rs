@@ -266,10 +266,17 @@ impl Free {
         log_mean_exp(&self.by_forms(forms, predicted))
     }
 
-    /// The form that a channel has in a combination; `None` of a channel that is not asked.
-    pub fn form(&self, forms: usize, combination: usize, channel: usize) -> Option<usize> {
-        let at = self.channels.iter().position(|c| *c == channel)?;
-        Some(combination / forms.pow(at as u32) % forms)
+    /// The log evidence of each combination of forms ([`Self::by_forms`]), `exp` of what is beyond
+    /// `most`, summed by the form that a channel has in it; of each channel that is asked.
+    pub fn of_channels(&self, forms: usize, evidence: &[f64], most: f64) -> Vec<(usize, Vec<f64>)> {
+        let of = |(at, channel): (usize, &usize)| {
+            let mut sums = vec![0.0; forms];
+            for (n, nats) in evidence.iter().enumerate() {
+                sums[form_of(n, forms, at)] += (nats - most).exp();
+            }
+            (*channel, sums)
+        };
+        self.channels.iter().enumerate().map(of).collect()
     }
 
     /// The log evidence (nats) of each combination of forms.
@@ -289,7 +296,7 @@ impl Free {
             self.covariances.iter().map(|(factor, own)| (all.tr_mul(&factor.solve(&all)), *own)).collect();
         let combinations = forms.pow(channels as u32);
         let of_combination = |n: usize| {
-            let chosen: Vec<usize> = (0..channels).map(|c| 1 + c * forms + n / forms.pow(c as u32) % forms).collect();
+            let chosen: Vec<usize> = (0..channels).map(|c| 1 + c * forms + form_of(n, forms, c)).collect();
             let of_size = |(m, own): &(DMatrix<f64>, f64)| {
                 let across: f64 = chosen.iter().map(|i| m[(0, *i)]).sum();
                 let inside: f64 = chosen.iter().flat_map(|i| chosen.iter().map(|j| m[(*i, *j)])).sum();
@@ -299,6 +306,11 @@ impl Free {
         };
         (0..combinations).map(of_combination).collect()
     }
+}
+
+/// The form that the channel at a position has in a combination.
+fn form_of(combination: usize, forms: usize, at: usize) -> usize {
+    combination / forms.pow(at as u32) % forms
 }
 
 /// First position of a speed.

@@ -16,7 +16,6 @@ use rayon::prelude::*;
 
 use crate::change::compare::{Comparison, LineChange};
 use crate::change::frequency;
-use crate::change::locate;
 use crate::change::masks::INDEPENDENT;
 use crate::finding::Finding;
 use crate::finding::is_path;
@@ -103,14 +102,13 @@ pub fn ahead(q: &Question<'_>, bearing: &Finding, path: &Finding, steps: &mut Ve
     let grounds = Grounds::new(q, &held, std::slice::from_ref(&path));
     let left = |predicted: Vec<Prediction>| Residuals::of(q.comparison, &predicted, &held).held;
     let of_path = left(predict::predict(&grounds, std::slice::from_ref(&path))?);
-    let known = q.comparison.holding_out(&held);
-    let asked = Question { comparison: &known, ..*q };
-    let foreseen = supports::foreseen(&asked, &locate::cells(&known), (&bearing.spec.effect, &bearing.spec.place))?;
+    let finding = (bearing.spec.effect.as_str(), bearing.spec.place.as_str());
+    let foreseen = supports::foreseen(&grounds.question(), &grounds.cells, finding)?;
     let of_bearing = left(foreseen.into_iter().map(Prediction::certain).collect());
     // Both err by functions of frequency: lines near each other on one sensor are one witness.
     let lines = q.comparison.lines.iter().filter(|l| held.contains(&l.pair));
     let witnesses: BTreeSet<(usize, i64)> =
-        lines.map(|l| (l.channel, (l.frequency_hz.ln() / frequency::REACH) as i64)).collect();
+        lines.map(|l| (l.channel, (l.frequency_hz.ln() / frequency::REACH).floor() as i64)).collect();
     let ratio = of_path.max(1.0) / of_bearing.max(1.0);
     let nats = (witnesses.len() as f64 * ratio.ln()).clamp(-MOST, MOST);
     steps.push(format!(

@@ -74,7 +74,7 @@ pub struct Grounds<'a> {
     /// Of all pairs, the recordings of some held out.
     known: Comparison,
     /// Of `known`.
-    cells: Vec<Cell>,
+    pub cells: Vec<Cell>,
     /// The bench as the references alone have it, where anything of the machine is asked for.
     base: Option<Base>,
 }
@@ -91,7 +91,8 @@ impl<'a> Grounds<'a> {
         out
     }
 
-    fn question(&self) -> Question<'_> {
+    /// The question with what is held out marked.
+    pub fn question(&self) -> Question<'_> {
         Question { comparison: &self.known, ..*self.q }
     }
 
@@ -120,12 +121,11 @@ pub fn of_setups(q: &Question<'_>, setups: [SimSetup; 2]) -> Option<Vec<Predicti
 pub fn predict(grounds: &Grounds<'_>, named: &[Named]) -> Option<Vec<Prediction>> {
     let all = &grounds.known;
     let of_path = |channel: usize| {
-        let on = |n: &&Named| {
-            let here = [HOUSING, &all.channels[channel]].contains(&&*n.spec.place);
-            // A mode of one pedestal reaches the sensors of the others too.
-            is_path(&n.spec.effect, &n.spec.place) && (here || n.spec.effect == "structural_resonance")
+        let here = |n: &&Named| {
+            is_path(&n.spec.effect, &n.spec.place) && [HOUSING, &all.channels[channel]].contains(&&*n.spec.place)
         };
-        named.iter().find(on)
+        // A mode of one pedestal reaches the sensors of the others too.
+        named.iter().find(here).or_else(|| named.iter().find(|n| n.spec.effect == "structural_resonance"))
     };
     let q = &grounds.question();
     let machine = Machine::fitted(grounds, named);

@@ -10,7 +10,8 @@ use statrs::function::erf::erfc;
 use crate::change::locate::Cell;
 
 /// Change of the sensor that moved most over that of the next (ln), from which a path is its own,
-/// and how far people differ about that (standard deviation): up to two thirds more or less.
+/// and how far people may differ about that (standard deviation), as `e^0.25` = 1.3. The words are
+/// defined so; neither number was fitted.
 const OWN: f64 = std::f64::consts::LN_2;
 const SPREAD: f64 = 0.25;
 
@@ -31,7 +32,7 @@ pub fn leader(cells: &[Cell], channels: usize) -> Option<Leader> {
     let mean_square = |channel: usize| {
         let lines = cells.iter().filter(|c| c.channel == channel && c.family.is_some());
         let (sum, n) = lines.fold((0.0, 0usize), |(sum, n), c| (sum + c.change.powi(2), n + 1));
-        (n > 0).then(|| (sum / n as f64).max(0.0))
+        (n > 0).then(|| sum / n as f64)
     };
     let mut squares: Vec<(usize, f64)> = (0..channels).filter_map(|c| Some((c, mean_square(c)?))).collect();
     squares.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -48,22 +49,10 @@ fn own(lead: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::read::lines::Family;
+    use crate::change::locate::LINE;
 
     fn lines(changes: &[(usize, f64)]) -> Vec<Cell> {
-        let of = |&(channel, change): &(usize, f64)| Cell {
-            pair: 0,
-            channel,
-            family: Some(Family::Mesh { stage: 0, harmonic: 1 }),
-            frequency_hz: 500.0,
-            change,
-            turn: None,
-            variance: 0.01,
-            noise: 0.0,
-            repetition: 0.01,
-            differs: 1.0,
-        };
-        changes.iter().map(of).collect()
+        changes.iter().map(|&(channel, change)| Cell { channel, change, ..LINE }).collect()
     }
 
     /// Changes of 0.5 and 0.2 on the sensors: the lead is ln 2.5. Twice as much is even odds; as

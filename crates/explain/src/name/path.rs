@@ -42,8 +42,8 @@ const LINE_SHARE_LONE: f64 = 0.66;
 /// What remains to doubt of a path of all sensors: what else they may have in common; of a support
 /// that was taken for one, the sheet's masses too.
 pub const SUREST: f64 = 0.8;
-/// From this probability on the place of a path leaves no other open.
-const SUREST_PLACE: f64 = 0.95;
+/// Share of the best from which another stands in the set.
+pub const IN_SET: f64 = 0.05;
 /// How far a line lies from the band of background that stands for it (ln).
 const BAND_SIGMA: f64 = 0.2;
 
@@ -186,10 +186,13 @@ fn of_all_or_one(
         of_all(cells, floors.len(), steps)
     };
     f.probability *= of_housing.max(1.0 - of_housing);
-    if f.place != HOUSING && of_housing > 1.0 - SUREST_PLACE {
-        f.alternatives.push(("structural_resonance", HOUSING.to_owned()));
-    } else if let Some(l) = leader.filter(|l| f.place == HOUSING && l.own > 1.0 - SUREST_PLACE) {
-        f.alternatives.push(("structural_resonance", q.comparison.channels[l.channel].clone()));
+    let other = match leader {
+        _ if f.place != HOUSING => HOUSING.to_owned(),
+        Some(leader) => q.comparison.channels[leader.channel].clone(),
+        None => return f,
+    };
+    if of_housing.min(1.0 - of_housing) > IN_SET * of_housing.max(1.0 - of_housing) {
+        f.alternatives.push(("structural_resonance", other));
     }
     f
 }

@@ -23,7 +23,7 @@ use crate::change::locate::Cell;
 use crate::finding::Finding;
 use crate::fit::refit;
 use crate::judge::held_out;
-use crate::name::path::{self, SUREST};
+use crate::name::path::{self, IN_SET, SUREST};
 use crate::question::Question;
 use crate::read::lines::Family;
 
@@ -39,8 +39,7 @@ const MODE_SHARES: [f64; 11] = [-2.0, -0.6, -0.2, -0.06, -0.02, 0.0, 0.02, 0.06,
 
 /// Least deviation of a factor (ln): three of the factors that are tried.
 const LEAST_SPREAD: f64 = 0.25;
-/// Share of the best from which another stands in the set; supports that the steps tell.
-const IN_SET: f64 = 0.05;
+/// Supports that the steps tell.
 const SAID: usize = 3;
 
 /// An effect of a shaft's supports or a stage's meshes, and how much likelier it is than a function
@@ -120,8 +119,8 @@ pub fn weigh(
     );
     // The odds leave a function of frequency beside the support: what its own model foresees is no
     // part of them. Where the lines go with orders, those that are held out tell of that.
-    let rather_orders = by_frequency.is_some_and(|f| f.alone < 0.0);
-    if !rather_orders && let Some(ahead) = held_out::ahead(q, &f, finding, steps) {
+    let mostly_orders = by_frequency.is_some_and(|f| f.alone < 0.0);
+    if !mostly_orders && let Some(ahead) = held_out::ahead(q, &f, finding, steps) {
         let odds = ahead + best.odds - log_mean_exp(&[0.0, mode]) - 2f64.ln();
         let sure = (1.0 + (-odds).exp()).recip();
         if sure < 0.5 {
