@@ -5,15 +5,18 @@
 //! function of its own. What the teeth do goes with orders: a line keeps its change at another
 //! speed, and all sensors show the same. Both are Gaussian processes over the lines and the
 //! background (Rasmussen & Williams, *Gaussian Processes for Machine Learning*, 2006, ch. 2 and 5);
-//! the marginal likelihoods of the two alone and of their sum are compared.
+//! the marginal likelihoods of the two alone and of their sum are compared. A path is linear: its
+//! function is the same at every load, which that of a clearance or a friction is not.
 
-use std::cmp::Reverse;
+mod free;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
+pub use self::free::Free;
 use crate::change::locate::Cell;
-use crate::read::SAME_SPEED;
+use crate::question::Question;
 use crate::read::lines::Family;
+use crate::read::{SAME_SPEED, SAME_TORQUE};
 
 /// Lines that take part at most, evenly out of all. The cost grows with the third power.
 const LINES: usize = 220;
@@ -59,6 +62,18 @@ enum Part {
     Background,
     /// A function of frequency of a sensor, for lines and background.
     Path,
+    /// A line at one load, at all speeds.
+    FamilyAtLoad,
+    /// A mesh harmonic with its sidebands at one load.
+    HarmonicAtLoad,
+    /// All lines of a stage, or of a shaft, at one load.
+    StageAtLoad,
+    /// All sidebands of a gear at one load.
+    SidesAtLoad,
+    /// A function of frequency of a sensor that its lines have in one pair alone.
+    PathInPair,
+    /// A function of frequency of a sensor that its lines have at one load alone.
+    PathAtLoad,
 }
 
 /// What goes with orders.
@@ -85,13 +100,54 @@ struct Key {
     family: Option<Family>,
     pair: usize,
     speed: usize,
+    load: usize,
+}
+
+/// The operating points of pairs: positions of the first pair that has a pair's speed, and of the
+/// first that has its load.
+#[derive(Clone, Debug)]
+pub struct Points {
+    speed: Vec<usize>,
+    load: Vec<usize>,
+}
+
+impl Points {
+    /// Of all pairs of a comparison.
+    pub fn of(q: &Question<'_>) -> Self {
+        let points: Vec<(f64, f64)> = q.comparison.pairs.iter().map(|p| (p.speed_hz, p.torque_nm)).collect();
+        Self::new(&points)
+    }
+
+    /// By speed (Hz) and torque (N m) of each pair.
+    fn new(points: &[(f64, f64)]) -> Self {
+        let first = |of: &dyn Fn(&(f64, f64)) -> f64, same: f64| {
+            let at = |x: f64| points.iter().position(|p| (of(p) - x).abs() <= same * x.abs()).unwrap_or(0);
+            points.iter().map(|p| at(of(p))).collect()
+        };
+        Self { speed: first(&|p| p.0, SAME_SPEED), load: first(&|p| p.1, SAME_TORQUE) }
+    }
+
+    fn is_one(of: &[usize]) -> bool {
+        of.iter().all(|k| *k == 0)
+    }
+
+    fn key(&self, c: &Cell) -> Key {
+        Key {
+            channel: c.channel,
+            ln_hz: c.frequency_hz.ln(),
+            family: c.family,
+            pair: c.pair,
+            speed: self.speed[c.pair],
+            load: self.load[c.pair],
+        }
+    }
 }
 
 /// Evidence (nats) from which a part of a change is believed: the odds against two effects at once,
 /// and what a search for the best sizes gains by chance. Of 112 comparisons without such an effect
 /// in the looked-at sets of the independent generator none came beyond 5; `just campaign-frequency`
 /// holds it against drawn benches.
-const BELIEVED: f64 = 8.0;
+pub const BELIEVED: f64 = 8.0;
 
 /// How far changes are a function of frequency.
 #[derive(Clone, Debug)]
@@ -103,19 +159,30 @@ pub struct Frequency {
     /// By channel the log evidence (nats) of a function of frequency of its own size over none;
     /// empty where there is none at all.
     pub by_channel: Vec<f64>,
+    /// Log evidence (nats) of functions of frequency that each load has for itself over one that
+    /// all loads have in common, beside what goes with orders; none with one load.
+    pub by_load: f64,
+    points: Points,
+    common: Split,
+    with_load: Option<Split>,
+}
+
+/// Changes, of which a part is a function of frequency.
+#[derive(Clone, Debug)]
+struct Split {
     keys: Vec<Key>,
-    variance: f64,
+    /// The parts that are functions of frequency, and their variances.
+    functions: Vec<(Part, f64)>,
     factor: Cholesky<f64, Dyn>,
     weights: DVector<f64>,
 }
 
 /// The evidence; `None` where there are too few lines or one speed only.
-pub fn frequency(cells: &[Cell], speeds: &[f64]) -> Option<Frequency> {
-    let speed_of: Vec<usize> = speeds.iter().map(|s| first_at(speeds, *s)).collect();
-    if speed_of.iter().all(|s| *s == 0) {
+pub fn frequency(cells: &[Cell], points: Points) -> Option<Frequency> {
+    if Points::is_one(&points.speed) {
         return None;
     }
-    let (keys, changes, variances) = selected(cells, &speed_of)?;
+    let (keys, changes, variances) = selected(cells, &points)?;
     let data = Data { keys: &keys, changes: &changes, variances: &variances };
     let usual = |parts: &[Part]| data.climb(parts, vec![USUAL; parts.len()]);
     let (orders, path) = rayon::join(|| usual(ORDERS), || usual(PATH));
@@ -127,12 +194,20 @@ pub fn frequency(cells: &[Cell], speeds: &[f64]) -> Option<Frequency> {
     // What orders alone come to from there: a climb may end at a lesser top.
     let again = data.climb(ORDERS, together.1[..ORDERS.len()].to_vec());
     let orders = if again.0 > orders.0 { again } else { orders };
-    let factor = data.covariance(&both, &together.1).cholesky()?;
-    let weights = factor.solve(&changes);
-    let variance = together.1.last().map_or(0.0, |step| size(*step).powi(2));
+    let common = data.split(&both, &together.1)?;
     let beside = together.0 - orders.0;
     let by_channel = if beside > BELIEVED { data.by_channel(&together.1) } else { Vec::new() };
-    Some(Frequency { alone: path.0 - orders.0, beside, by_channel, keys, variance, factor, weights })
+    let (mut by_load, mut with_load) = (f64::NEG_INFINITY, None);
+    if !Points::is_one(&points.load) {
+        let parts: Vec<Part> = both.iter().copied().chain([Part::PathAtLoad]).collect();
+        let start: Vec<u8> = together.1.iter().copied().chain([USUAL]).collect();
+        let (one, other) = rayon::join(|| data.climb(&parts, start), || usual(&parts));
+        let each = if other.0 > one.0 { other } else { one };
+        let again = data.climb(&both, each.1[..both.len()].to_vec());
+        by_load = each.0 - together.0.max(again.0);
+        with_load = data.split(&parts, &each.1);
+    }
+    Some(Frequency { alone: path.0 - orders.0, beside, by_channel, by_load, points, common, with_load })
 }
 
 impl Frequency {
@@ -146,6 +221,12 @@ impl Frequency {
         self.alone < 0.0 && !self.is_there()
     }
 
+    /// Whether functions of frequency may differ from load to load: likelier than not, and believed
+    /// where one that all loads have in common is.
+    pub fn may_go_with_load(&self) -> bool {
+        self.by_load > if self.is_there() { BELIEVED } else { 0.0 }
+    }
+
     /// Whether other changes go with orders.
     pub fn has_orders_beside(&self) -> bool {
         self.beside - self.alone > BELIEVED
@@ -153,8 +234,19 @@ impl Frequency {
 
     /// The function of frequency alone, and what it leaves of the changes.
     pub fn apart(&self, cells: &[Cell]) -> (Vec<Cell>, Vec<Cell>) {
+        self.common.apart(&self.points, cells)
+    }
+
+    /// What functions of frequency leave of the changes, where each load has its own.
+    pub fn left_by_load(&self, cells: &[Cell]) -> Vec<Cell> {
+        self.with_load.as_ref().unwrap_or(&self.common).apart(&self.points, cells).1
+    }
+}
+
+impl Split {
+    fn apart(&self, points: &Points, cells: &[Cell]) -> (Vec<Cell>, Vec<Cell>) {
         let split = |c: &Cell| {
-            let (change, variance) = self.at(c);
+            let (change, variance) = self.at(&points.key(c));
             (
                 Cell { change, turn: None, ..*c },
                 Cell {
@@ -169,19 +261,12 @@ impl Frequency {
         cells.iter().map(split).unzip()
     }
 
-    /// What the function of frequency did to a cell, and the variance of that, by all cells.
-    fn at(&self, cell: &Cell) -> (f64, f64) {
-        let key = Key {
-            channel: cell.channel,
-            ln_hz: cell.frequency_hz.ln(),
-            family: cell.family,
-            pair: cell.pair,
-            speed: 0,
-        };
-        let near = |k: &Key| self.variance * share(Part::Path, k, &key, false);
-        let near = DVector::from_iterator(self.keys.len(), self.keys.iter().map(near));
+    /// What the functions of frequency did to a cell, and the variance of that, by all cells.
+    fn at(&self, key: &Key) -> (f64, f64) {
+        let common = |k: &Key| self.functions.iter().map(|(part, size)| size * share(*part, k, key, false)).sum();
+        let near = DVector::from_iterator(self.keys.len(), self.keys.iter().map(common));
         let known = near.dot(&self.factor.solve(&near));
-        (near.dot(&self.weights), (self.variance - known).max(0.0))
+        (near.dot(&self.weights), (common(key) - known).max(0.0))
     }
 }
 
@@ -194,146 +279,15 @@ pub fn log_mean_exp(values: &[f64]) -> f64 {
     largest + (values.iter().map(|v| (v - largest).exp()).sum::<f64>() / values.len() as f64).ln()
 }
 
-/// Channels that a prediction is held against, those with the most lines: each has a form of its
-/// own, and all combinations are asked.
-const PREDICTED: usize = 3;
-
-/// Changes of lines as a function of frequency beside what goes with orders: what a prediction of
-/// them is held against.
-pub struct Free {
-    channels: Vec<usize>,
-    keys: Vec<Key>,
-    changes: DVector<f64>,
-    /// Covariance by the size of the function of frequency, and its part of the log evidence.
-    covariances: Vec<(Cholesky<f64, Dyn>, f64)>,
-}
-
-impl Free {
-    /// Of the lines of meshes; `None` where there are too few lines or one speed only.
-    pub fn of_meshes(cells: &[Cell], speeds: &[f64]) -> Option<Self> {
-        Self::of(cells, speeds, &|family| matches!(family, Family::Mesh { .. } | Family::Side { .. }))
-    }
-
-    /// The same of their sidebands alone.
-    pub fn of_sidebands(cells: &[Cell], speeds: &[f64]) -> Option<Self> {
-        Self::of(cells, speeds, &|family| matches!(family, Family::Side { .. }))
-    }
-
-    fn of(cells: &[Cell], speeds: &[f64], asked: &dyn Fn(Family) -> bool) -> Option<Self> {
-        let speed_of: Vec<usize> = speeds.iter().map(|s| first_at(speeds, *s)).collect();
-        if speed_of.iter().all(|s| *s == 0) {
-            return None;
-        }
-        let of_mesh = |c: &Cell| c.family.is_some_and(asked) && c.variance < CLEAR;
-        let count = |channel: usize| cells.iter().filter(|c| c.channel == channel && of_mesh(c)).count();
-        let last = cells.iter().map(|c| c.channel).max()?;
-        let mut channels: Vec<usize> = (0..=last).filter(|c| count(*c) > 0).collect();
-        channels.sort_by_key(|c| Reverse(count(*c)));
-        channels.truncate(PREDICTED);
-        let lines: Vec<Cell> = cells.iter().filter(|c| of_mesh(c) && channels.contains(&c.channel)).copied().collect();
-        let (keys, changes, variances) = selected(&lines, &speed_of)?;
-        let data = Data { keys: &keys, changes: &changes, variances: &variances };
-        let both: Vec<Part> = ORDERS.iter().copied().chain([Part::Path]).collect();
-        let (_, steps) = data.climb(&both, vec![USUAL; both.len()]);
-        let path = *steps.last()?;
-        // What a prediction leaves may be a smaller function of frequency.
-        let of_size = |step: u8| {
-            let mut steps = steps.clone();
-            *steps.last_mut()? = step;
-            let factor = data.covariance(&both, &steps).cholesky()?;
-            let half: f64 = factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
-            Some((factor, -half - unusual(step)))
-        };
-        let covariances = (0..=path).map(of_size).collect::<Option<_>>()?;
-        Some(Self { channels, keys, changes, covariances })
-    }
-
-    /// Pair, channel, line and frequency (Hz) of each change.
-    pub fn lines(&self) -> impl Iterator<Item = (usize, usize, Family, f64)> {
-        self.keys.iter().filter_map(|k| Some((k.pair, k.channel, k.family?, k.ln_hz.exp())))
-    }
-
-    /// Log evidence (nats) without a prediction.
-    pub fn log_evidence(&self) -> f64 {
-        let of_size =
-            |(factor, own): &(Cholesky<f64, Dyn>, f64)| -0.5 * self.changes.dot(&factor.solve(&self.changes)) + own;
-        self.covariances.iter().map(of_size).fold(f64::NEG_INFINITY, f64::max)
-    }
-
-    /// The same where a part of the changes is predicted, by their position and one of so many
-    /// forms: on average over the forms, of which each channel has its own.
-    pub fn log_evidence_of(&self, forms: usize, predicted: &dyn Fn(usize, usize) -> f64) -> f64 {
-        log_mean_exp(&self.by_forms(forms, predicted))
-    }
-
-    /// The log evidence of each combination of forms ([`Self::by_forms`]), `exp` of what is beyond
-    /// `most`, summed by the form that a channel has in it; of each channel that is asked.
-    pub fn of_channels(&self, forms: usize, evidence: &[f64], most: f64) -> Vec<(usize, Vec<f64>)> {
-        let of = |(at, channel): (usize, &usize)| {
-            let mut sums = vec![0.0; forms];
-            for (n, nats) in evidence.iter().enumerate() {
-                sums[form_of(n, forms, at)] += (nats - most).exp();
-            }
-            (*channel, sums)
-        };
-        self.channels.iter().enumerate().map(of).collect()
-    }
-
-    /// The log evidence (nats) of each combination of forms.
-    pub fn by_forms(&self, forms: usize, predicted: &dyn Fn(usize, usize) -> f64) -> Vec<f64> {
-        let channels = self.channels.len();
-        let column = |k: usize| {
-            let of = |(i, key): (usize, &Key)| match k {
-                1.. if key.channel == self.channels[(k - 1) / forms] => predicted(i, (k - 1) % forms),
-                _ => 0.0,
-            };
-            DVector::from_iterator(self.keys.len(), self.keys.iter().enumerate().map(of))
-        };
-        let mut columns: Vec<DVector<f64>> = (0..=channels * forms).map(column).collect();
-        columns[0].copy_from(&self.changes);
-        let all = DMatrix::from_columns(&columns);
-        let products: Vec<(DMatrix<f64>, f64)> =
-            self.covariances.iter().map(|(factor, own)| (all.tr_mul(&factor.solve(&all)), *own)).collect();
-        let combinations = forms.pow(channels as u32);
-        let of_combination = |n: usize| {
-            let chosen: Vec<usize> = (0..channels).map(|c| 1 + c * forms + form_of(n, forms, c)).collect();
-            let of_size = |(m, own): &(DMatrix<f64>, f64)| {
-                let across: f64 = chosen.iter().map(|i| m[(0, *i)]).sum();
-                let inside: f64 = chosen.iter().flat_map(|i| chosen.iter().map(|j| m[(*i, *j)])).sum();
-                -0.5 * (m[(0, 0)] - 2.0 * across + inside) + own
-            };
-            products.iter().map(of_size).fold(f64::NEG_INFINITY, f64::max)
-        };
-        (0..combinations).map(of_combination).collect()
-    }
-}
-
-/// The form that the channel at a position has in a combination.
-fn form_of(combination: usize, forms: usize, at: usize) -> usize {
-    combination / forms.pow(at as u32) % forms
-}
-
-/// First position of a speed.
-fn first_at(speeds: &[f64], speed: f64) -> usize {
-    speeds.iter().position(|s| (s / speed - 1.0).abs() < SAME_SPEED).unwrap_or(0)
-}
-
 /// Clear lines, and the background of each sensor by bands over all pairs.
-fn selected(cells: &[Cell], speed_of: &[usize]) -> Option<(Vec<Key>, DVector<f64>, Vec<f64>)> {
+fn selected(cells: &[Cell], points: &Points) -> Option<(Vec<Key>, DVector<f64>, Vec<f64>)> {
     let clear: Vec<&Cell> = cells.iter().filter(|c| c.family.is_some() && c.variance < CLEAR).collect();
     if clear.len() < LEAST {
         return None;
     }
     let count = clear.len().min(LINES);
-    let key = |c: &Cell| Key {
-        channel: c.channel,
-        ln_hz: c.frequency_hz.ln(),
-        family: c.family,
-        pair: c.pair,
-        speed: speed_of[c.pair],
-    };
     let mut all: Vec<(Key, f64, f64)> =
-        (0..count).map(|i| clear[i * clear.len() / count]).map(|c| (key(c), c.change, c.variance)).collect();
+        (0..count).map(|i| clear[i * clear.len() / count]).map(|c| (points.key(c), c.change, c.variance)).collect();
     let band = |c: &Cell| (c.channel, (c.frequency_hz.ln() / BAND).round() as i64);
     let mut floors: Vec<&Cell> = cells.iter().filter(|c| c.family.is_none()).collect();
     floors.sort_by_key(|c| band(c));
@@ -343,7 +297,7 @@ fn selected(cells: &[Cell], speed_of: &[usize]) -> Option<(Vec<Key>, DVector<f64
         let change = mean(&|c| c.change);
         let variance = (mean(&|c| c.variance) + mean(&|c| (c.change - change).powi(2))) / n;
         if variance < CLEAR {
-            all.push((Key { ln_hz: mean(&|c| c.frequency_hz.ln()), ..key(of_band[0]) }, change, variance));
+            all.push((Key { ln_hz: mean(&|c| c.frequency_hz.ln()), ..points.key(of_band[0]) }, change, variance));
         }
     }
     let changes = DVector::from_iterator(all.len(), all.iter().map(|c| c.1));
@@ -366,6 +320,14 @@ fn groups(family: Family) -> ((usize, usize), (usize, u8, u8)) {
         Family::Mesh { stage, harmonic } | Family::Side { stage, harmonic, .. } => ((0, stage), (stage, 0, harmonic)),
         Family::Shaft { shaft, multiple } => ((1, shaft), (shaft, 1, multiple)),
         Family::Motor { multiple } => ((2, 0), (0, 2, multiple)),
+    }
+}
+
+/// Stage and shaft of the gear that a sideband is of.
+fn of_gear(family: Family) -> Option<(usize, usize)> {
+    match family {
+        Family::Side { stage, shaft, .. } => Some((stage, shaft)),
+        _ => None,
     }
 }
 
@@ -393,6 +355,15 @@ fn share(part: Part, a: &Key, b: &Key, same: bool) -> f64 {
             let alike = a.family.map(|f| groups(f).0) == b.family.map(|f| groups(f).0);
             smooth() * if alike { 1.0 } else { COMMON }
         }
+        Part::FamilyAtLoad => both(&|x, y| x == y && a.load == b.load),
+        Part::HarmonicAtLoad => both(&|x, y| groups(x).1 == groups(y).1 && a.load == b.load),
+        Part::StageAtLoad => both(&|x, y| groups(x).0 == groups(y).0 && a.load == b.load),
+        Part::SidesAtLoad => both(&|x, y| of_gear(x).is_some() && of_gear(x) == of_gear(y) && a.load == b.load),
+        // The background of all pairs is one.
+        Part::PathInPair | Part::PathAtLoad if a.family.is_none() || b.family.is_none() => 0.0,
+        Part::PathInPair if a.pair != b.pair => 0.0,
+        Part::PathAtLoad if a.load != b.load => 0.0,
+        Part::PathInPair | Part::PathAtLoad => share(Part::Path, a, b, same),
     }
 }
 
@@ -415,6 +386,16 @@ impl Data<'_> {
             sum += self.matrix(*part) * size(*step).powi(2);
         }
         sum
+    }
+
+    /// The changes by parts of some sizes.
+    fn split(&self, parts: &[Part], steps: &[u8]) -> Option<Split> {
+        let is_function = |part: &Part| matches!(part, Part::Path | Part::PathAtLoad);
+        let sizes = parts.iter().zip(steps).filter(|(part, _)| is_function(part));
+        let functions = sizes.map(|(part, step)| (*part, size(*step).powi(2))).collect();
+        let factor = self.covariance(parts, steps).cholesky()?;
+        let weights = factor.solve(self.changes);
+        Some(Split { keys: self.keys.to_vec(), functions, factor, weights })
     }
 
     /// By channel the log evidence of a function of frequency of its own size over none, where all
@@ -508,11 +489,11 @@ mod tests {
 
     /// Eight mesh harmonics with four sidebands at two speeds and two loads on two sensors, and
     /// bands of background, that change by what a rule says.
-    fn cells(line: &dyn Fn(Family, f64, usize) -> f64, floor: &dyn Fn(f64, usize) -> f64) -> (Vec<Cell>, [f64; 4]) {
-        let speeds = [20.0, 31.0, 20.0, 31.0];
+    pub fn cells(line: &dyn Fn(Family, f64, usize) -> f64, floor: &dyn Fn(f64, usize) -> f64) -> (Vec<Cell>, Points) {
+        let points = [(20.0, 10.0), (31.0, 10.0), (20.0, 25.0), (31.0, 25.0)];
         let mut out = Vec::new();
         let mut noise = 0.3;
-        for (pair, speed) in speeds.iter().enumerate() {
+        for (pair, (speed, _)) in points.iter().enumerate() {
             for channel in 0..2 {
                 let mut push = |family: Option<Family>, frequency_hz: f64, change: f64| {
                     // The logistic map: scatter without a seed.
@@ -547,11 +528,11 @@ mod tests {
                 }
             }
         }
-        (out, speeds)
+        (out, Points::new(&points))
     }
 
     /// A function of frequency of each sensor, as the background has it too.
-    fn wave(hz: f64, channel: usize) -> f64 {
+    pub fn wave(hz: f64, channel: usize) -> f64 {
         0.4 * (8.0 * hz.ln() + channel as f64).sin()
     }
 
@@ -569,8 +550,8 @@ mod tests {
     #[test]
     fn analytic_a_function_of_frequency_stands_apart_from_orders() {
         let ask = |line: &dyn Fn(Family, f64, usize) -> f64, floor: &dyn Fn(f64, usize) -> f64| {
-            let (cells, speeds) = cells(line, floor);
-            (frequency(&cells, &speeds).unwrap(), cells)
+            let (cells, points) = cells(line, floor);
+            (frequency(&cells, points).unwrap(), cells)
         };
         let (path, _) = ask(&|_, hz, channel| wave(hz, channel), &wave);
         assert!(path.alone > 50.0 && path.beside > 50.0, "{} {}", path.alone, path.beside);
@@ -597,8 +578,8 @@ mod tests {
     fn analytic_each_sensor_has_its_own_evidence() {
         let of = |sensors: usize| {
             let path = |hz: f64, channel: usize| if channel < sensors { wave(hz, channel) } else { 0.0 };
-            let (cells, speeds) = cells(&|_, hz, channel| path(hz, channel), &path);
-            frequency(&cells, &speeds).unwrap().by_channel
+            let (cells, points) = cells(&|_, hz, channel| path(hz, channel), &path);
+            frequency(&cells, points).unwrap().by_channel
         };
         let (both, one) = (of(2), of(1));
         assert!(both.iter().all(|nats| *nats > 20.0), "{both:?}");
@@ -606,48 +587,33 @@ mod tests {
         assert!(of(0).is_empty());
     }
 
-    /// Lines that follow a steep step of the frequency, which no smooth function does: predicted on
-    /// one sensor by the right one of two forms the evidence rises by tens of nats, by a step
-    /// elsewhere it does not.
+    /// A function of frequency that each load has for itself is told from one that is the same at
+    /// all, and taken off it leaves the noise.
     #[test]
-    fn analytic_a_prediction_is_held_against_a_function_of_frequency() {
-        let step = |hz: f64, at: f64| if hz < at { 0.8 } else { -0.8 };
-        let change = |hz: f64, channel: usize| if channel == 0 { step(hz, 2000.0) } else { 0.0 };
-        let (cells, speeds) = cells(&|_, hz, channel| change(hz, channel), &|_, _| 0.0);
-        let free = Free::of_meshes(&cells, &speeds).unwrap();
-        let hz: Vec<f64> = free.lines().map(|l| l.3).collect();
-        let gain = |at: f64| {
-            let form = |line: usize, form: usize| if form == 0 { 0.0 } else { step(hz[line], at) };
-            free.log_evidence_of(2, &form) - free.log_evidence()
-        };
-        assert!(gain(2000.0) > 20.0, "{}", gain(2000.0));
-        // No prediction at all is one of four combinations, which bounds the loss.
-        assert!(gain(700.0) < 0.0 && gain(700.0) > -2.0 * 2f64.ln() - 1e-9, "{}", gain(700.0));
-        // Where all forms are none, up to rounding.
-        let none = free.log_evidence_of(3, &|_, _| 0.0);
-        assert!((none - free.log_evidence()).abs() < 1e-6 * none.abs(), "{none}");
-    }
-
-    /// Of more channels than are asked those with the most lines stay: of five copies of one sensor
-    /// the third, which lost half of its lines, is none of three.
-    #[test]
-    fn analytic_the_channels_with_the_most_lines_are_asked() {
-        let (two, speeds) = cells(&|_, hz, channel| wave(hz, channel), &wave);
-        let of = |channel: usize| {
-            let kept = move |(k, _): &(usize, &Cell)| channel != 2 || k % 2 == 0;
-            two.iter().filter(|c| c.channel == 0).enumerate().filter(kept).map(move |(_, c)| Cell { channel, ..*c })
-        };
-        let many: Vec<Cell> = (0..5).flat_map(of).collect();
-        let free = Free::of_meshes(&many, &speeds).unwrap();
-        assert_eq!(free.channels, [0, 1, 3]);
-        assert!(free.log_evidence_of(11, &|_, form| 0.01 * form as f64).is_finite());
+    fn analytic_a_function_of_frequency_may_differ_from_load_to_load() {
+        let (mut own, points) = cells(&|_, _, _| 0.0, &|_, _| 0.0);
+        for c in own.iter_mut().filter(|c| c.family.is_some()) {
+            c.change += wave(c.frequency_hz, 2 * points.load[c.pair] + c.channel);
+        }
+        let each = frequency(&own, points).unwrap();
+        let left = each.left_by_load(&own);
+        let square =
+            |cells: &[Cell]| cells.iter().filter(|c| c.family.is_some()).map(|c| c.change.powi(2)).sum::<f64>();
+        assert!(each.by_load > 20.0, "{}", each.by_load);
+        assert!(square(&left) < 0.1 * square(&own), "{} {}", square(&left), square(&own));
+        let (same, points) = cells(&|_, hz, channel| wave(hz, channel), &wave);
+        // None but for the prior of a size, and what two tops of a climb may differ by.
+        assert!(frequency(&same, points).unwrap().by_load < 2.0);
+        // One load says nothing of that.
+        let one = Points::new(&[(20.0, 10.0), (31.0, 10.0), (20.0, 10.0), (31.0, 10.0)]);
+        assert!(frequency(&same, one.clone()).unwrap().by_load < 0.0 && Free::by_load(&same, &one).is_none());
     }
 
     /// One speed says nothing.
     #[test]
     fn analytic_one_speed_has_no_function_of_frequency() {
         let (cells, _) = cells(&|_, _, _| 0.0, &|_, _| 0.0);
-        assert!(frequency(&cells, &[20.0; 4]).is_none());
+        assert!(frequency(&cells, Points::new(&[(20.0, 10.0); 4])).is_none());
     }
 
     /// Drawn benches: teeth that change go with orders, paths that change do not. Drawn by a
@@ -663,8 +629,8 @@ mod tests {
                 let Case { bench, recordings, reference, .. } = &prove::case(9100, k, Some(effect))?;
                 let input = Input { bench, recordings, reference, without: &[] };
                 let measured = measure(&input, &mut Vec::new(), &mut |_| {}).ok()?;
-                let speeds: Vec<f64> = measured.comparison.pairs.iter().map(|p| p.speed_hz).collect();
-                let beside = frequency(&locate::cells(&measured.comparison), &speeds)?.beside;
+                let cells = locate::cells(&measured.comparison);
+                let beside = frequency(&cells, Points::of(&measured.question()))?.beside;
                 println!("{effect} {k}: {beside:.0} nats");
                 Some(beside)
             };

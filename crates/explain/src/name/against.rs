@@ -93,8 +93,8 @@ fn single_teeth(q: &Question<'_>, remaining: &mut Vec<Cell>, found: &mut Found<'
     if faults.is_empty() {
         return false;
     }
-    // A damaged tooth lights lines everywhere, among them those of a ghost.
-    found.findings.retain(|f| f.effect != "ghost_component");
+    // A damaged tooth lights lines everywhere, among them those of a ghost, and with the load.
+    found.findings.retain(|f| f.effect != "ghost_component" && !supports::is_of_load(f.effect));
     for gear::OneTooth { stage, shaft, of_shape, finding } in faults {
         remaining.retain(|c| !(locate::covers(Place::Gear(stage, shaft), c.family) && c.family.is_some()));
         if of_shape {

@@ -8,8 +8,11 @@
 //! odds are the ratio of the marginal likelihoods, on average over the sizes.
 
 mod bearings;
+mod by_load;
+mod friction;
 mod meshes;
 mod passing;
+mod seat;
 
 use gearwatch_core::bench::EffectSpec;
 use gearwatch_sim::effects;
@@ -17,8 +20,9 @@ use gearwatch_sim::setup::SimSetup;
 use num_complex::Complex64;
 use rayon::prelude::*;
 
+pub use self::by_load::{by_load, is_of_load};
 use self::passing::At;
-use crate::change::frequency::{Free, Frequency, log_mean_exp};
+use crate::change::frequency::{Free, Frequency, Points, log_mean_exp};
 use crate::change::locate::Cell;
 use crate::finding::Finding;
 use crate::fit::refit;
@@ -65,12 +69,12 @@ struct Support {
 #[must_use]
 pub fn weigh(
     q: &Question<'_>,
-    (cells, speeds): (&[Cell], &[f64]),
+    cells: &[Cell],
     by_frequency: Option<&Frequency>,
     finding: &mut Finding,
     steps: &mut Vec<String>,
 ) -> bool {
-    let (Some(free), Some(plain)) = (Free::of_meshes(cells, speeds), refit::sheet::setup(q.bench)) else {
+    let (Some(free), Some(plain)) = (Free::of_meshes(cells, &Points::of(q)), refit::sheet::setup(q.bench)) else {
         return false;
     };
     let Some(mut supports) = bearings::bearings(q, &plain, &free) else { return false };
@@ -138,14 +142,13 @@ pub fn weigh(
 /// a model.
 pub fn foreseen(q: &Question<'_>, cells: &[Cell], finding: (&str, &str)) -> Option<Vec<f64>> {
     let comparison = q.comparison;
-    let speeds: Vec<f64> = comparison.pairs.iter().map(|p| p.speed_hz).collect();
     let fitted: Vec<Cell> = cells.iter().filter(|c| !comparison.pairs[c.pair].held_out).copied().collect();
     let of_mesh = |f: Family| matches!(f, Family::Mesh { .. } | Family::Side { .. });
     let asked = comparison.lines.iter().enumerate().filter(|(_, l)| of_mesh(l.family));
     let (at, lines): (Vec<usize>, Vec<(usize, At)>) =
         asked.map(|(i, l)| (i, (l.channel, (l.pair, stage_of(l.family), l.frequency_hz)))).unzip();
     let mut out = vec![0.0; comparison.lines.len()];
-    for (i, change) in at.into_iter().zip(bearings::foreseen(q, (&fitted, &speeds), finding, &lines)?) {
+    for (i, change) in at.into_iter().zip(bearings::foreseen(q, &fitted, finding, &lines)?) {
         out[i] = change;
     }
     Some(out)
@@ -161,8 +164,7 @@ pub fn weighs(effect: &str) -> bool {
 /// few. Sidebands may as well come of what the model of a sheet has not, which costs their say, so
 /// that no effect is refuted by them.
 pub fn by_sidebands(q: &Question<'_>, cells: &[Cell]) -> Vec<(&'static str, String, f64)> {
-    let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
-    let (Some(free), Some(plain)) = (Free::of_sidebands(cells, &speeds), refit::sheet::setup(q.bench)) else {
+    let (Some(free), Some(plain)) = (Free::of_sidebands(cells, &Points::of(q)), refit::sheet::setup(q.bench)) else {
         return Vec::new();
     };
     let of_bearings = bearings::bearings(q, &plain, &free).unwrap_or_default();

@@ -2,7 +2,7 @@
 
 use std::cell::LazyCell;
 
-use crate::change::frequency::{self, Frequency};
+use crate::change::frequency::{self, Frequency, Points};
 use crate::change::locate::{self, Cell};
 use crate::finding::{Finding, HOUSING};
 use crate::judge::held_out;
@@ -39,9 +39,20 @@ pub fn without_paths(
         locate::line_misfit(cells, None)
     ));
     let (paths, leads) = (found.findings.len(), found.nearest.len());
-    let by_frequency = LazyCell::new(|| frequency::frequency(cells, speeds));
+    let by_frequency = LazyCell::new(|| frequency::frequency(cells, Points::of(q)));
     let (reaches_all, mut clear) =
         by_background(q, (cells, speeds), &|| by_frequency.as_ref().map(|f| f.apart(cells).0), found);
+    if (found.findings.len() > paths || locate::line_misfit(cells, None) >= MISFIT)
+        && let Some(by_frequency) = LazyCell::force(&by_frequency)
+        && let Some(finding) = supports::by_load(q, cells, by_frequency, found.steps)
+    {
+        // No path does that, nor what comes near one.
+        found.findings.truncate(paths);
+        found.nearest.truncate(leads);
+        found.findings.push(finding);
+        let cells = by_frequency.left_by_load(cells);
+        return WithoutPaths { cells, under_path: true, given_up: Vec::new(), for_machine: false };
+    }
     let (mut asked, mut given_up) = (None, Vec::new());
     let of_all = reaches_all || is_of_all(q, cells, &found.findings[paths..]);
     if (of_all || (found.findings.len() == paths && locate::line_misfit(cells, None) >= MISFIT))
@@ -66,7 +77,7 @@ pub fn without_paths(
     let mut for_machine = false;
     let may_be_of_all = |at: &usize| reaches_all || path::may_be_the_housing(&found.findings[*at]);
     if let Some(at) = (paths..found.findings.len()).find(may_be_of_all)
-        && supports::weigh(q, (cells, speeds), asked, &mut found.findings[at], found.steps)
+        && supports::weigh(q, cells, asked, &mut found.findings[at], found.steps)
         && may_give_up
     {
         found.findings.remove(at);

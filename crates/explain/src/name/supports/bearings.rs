@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::passing::{self, At, FORMS, Passed};
 use super::{OFF, Support, at, odds_of, with};
-use crate::change::frequency::Free;
+use crate::change::frequency::{Free, Points};
 use crate::change::locate::Cell;
 use crate::fit::refit;
 use crate::fit::shape::{self, Model};
@@ -23,7 +23,7 @@ pub(super) const EFFECTS: [(&str, &str, &[f64]); 3] = [
     ("damping", "factor", &[0.1, 0.16, 0.25, 0.4, 0.6, 1.6, 2.5, 4.0, 6.0, 9.0]),
     (PLAY, "gap_um", &[1.0, 2.0, 4.0, 8.0, 15.0, 30.0, 60.0, 120.0]),
 ];
-const PLAY: &str = "looseness";
+pub(super) const PLAY: &str = "looseness";
 /// Least share of a bearing's stiffness that is left across the load: the least factor that the
 /// library has for a bearing.
 const LEAST_LEFT: f64 = 0.1;
@@ -52,11 +52,11 @@ pub(super) fn bearings(q: &Question<'_>, plain: &SimSetup, free: &Free) -> Optio
 /// finding, or without a model of the meshes. The lines are given with their channels.
 pub(super) fn foreseen(
     q: &Question<'_>,
-    (fitted, speeds): (&[Cell], &[f64]),
+    fitted: &[Cell],
     (effect, place): (&str, &str),
     lines: &[(usize, At)],
 ) -> Option<Vec<f64>> {
-    let (free, plain) = (Free::of_meshes(fitted, speeds)?, refit::sheet::setup(q.bench)?);
+    let (free, plain) = (Free::of_meshes(fitted, &Points::of(q))?, refit::sheet::setup(q.bench)?);
     let model = shape::model(&plain, &q.comparison.pairs)?;
     let shaft = q.bench.shafts.iter().position(|s| s.name == place)?;
     let asked = *EFFECTS.iter().find(|e| e.0 == effect)?;
@@ -158,7 +158,7 @@ impl Asked<'_> {
 
 /// Share of its stiffness that a bearing has across the load, whose seat has a radial gap (m) and
 /// which the load deflects (m).
-fn left_across(deflection_m: f64, gap_m: f64) -> f64 {
+pub(super) fn left_across(deflection_m: f64, gap_m: f64) -> f64 {
     deflection_m / (deflection_m + gap_m)
 }
 
@@ -194,11 +194,10 @@ mod tests {
         let case = prove::case(4, 0, None).unwrap();
         let measured = measured(&case);
         let q = measured.question();
-        let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
         let plain = refit::sheet::setup(q.bench).unwrap();
         let model = shape::model(&plain, &q.comparison.pairs).unwrap();
         let mut cells = still(&q);
-        let lines = at(&Free::of_meshes(&cells, &speeds).unwrap());
+        let lines = at(&Free::of_meshes(&cells, &Points::of(&q)).unwrap());
         let asked = Asked { q: &q, model: &model, lines: &lines, shaft: 1 };
         let before = passing::passed(&model, &plain, &lines).unwrap();
         let place = &q.bench.shafts[1].name;
@@ -210,7 +209,7 @@ mod tests {
         for (effect, after) in changed {
             // As much across the line of action as along it.
             put(&mut cells, &lines, &|line| passing::change(&before[line], &after[line], 1, 7));
-            let free = Free::of_meshes(&cells, &speeds).unwrap();
+            let free = Free::of_meshes(&cells, &Points::of(&q)).unwrap();
             let mut found = bearings(&q, &plain, &free).unwrap();
             found.sort_by(|a, b| b.odds.total_cmp(&a.odds));
             let said: Vec<String> =
@@ -223,11 +222,11 @@ mod tests {
             let (held, fitted): (Vec<Cell>, Vec<Cell>) = cells.iter().partition(|c| c.pair == 0);
             let asked = |c: &Cell| Some((c.channel, (c.pair, stage_of(c.family?), c.frequency_hz)));
             let asked: Vec<(usize, At)> = held.iter().filter_map(asked).collect();
-            let foreseen = foreseen(&q, (&fitted, &speeds), (effect, place), &asked).unwrap();
+            let foreseen = foreseen(&q, &fitted, (effect, place), &asked).unwrap();
             let square = |of: &dyn Fn(usize) -> f64| (0..held.len()).map(|i| of(i).powi(2)).sum::<f64>();
             let (left, all) = (square(&|i| held[i].change - foreseen[i]), square(&|i| held[i].change));
             assert!(left < 0.1 * all, "{effect}: {left} of {all}");
-            assert!(super::foreseen(&q, (&fitted, &speeds), ("tip_relief", place), &asked).is_none());
+            assert!(super::foreseen(&q, &fitted, ("tip_relief", place), &asked).is_none());
         }
     }
 }

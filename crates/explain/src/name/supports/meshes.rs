@@ -76,6 +76,7 @@ fn of(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::change::frequency::Points;
     use crate::change::locate::Cell;
     use crate::name::supports::of_a_mode;
     use crate::name::supports::tests::{measured, put, still};
@@ -89,17 +90,16 @@ mod tests {
         let case = prove::case(4, 0, None).unwrap();
         let measured = measured(&case);
         let q = measured.question();
-        let speeds: Vec<f64> = q.comparison.pairs.iter().map(|p| p.speed_hz).collect();
         let plain = refit::sheet::setup(q.bench).unwrap();
         let place = &q.bench.stages[0].name;
         let changed = with(&plain, "misalignment", place, ("angle_mrad", 0.7)).unwrap();
         let [before, after] = [&plain, &changed].map(|s| shape::model(s, &q.comparison.pairs).unwrap());
         let mut cells = still(&q);
-        let lines: Vec<At> = at(&Free::of_meshes(&cells, &speeds).unwrap());
+        let lines: Vec<At> = at(&Free::of_meshes(&cells, &Points::of(&q)).unwrap());
         let forced = [(&before, &plain), (&after, &changed)].map(|(m, s)| passing::passed(m, s, &lines).unwrap());
         put(&mut cells, &lines, &|line| passing::change(&forced[0][line], &forced[1][line], 0, 1));
         let ask = |cells: &[Cell]| {
-            let free = Free::of_meshes(cells, &speeds).unwrap();
+            let free = Free::of_meshes(cells, &Points::of(&q)).unwrap();
             let mut found = meshes(&q, &plain, &free);
             found.sort_by(|a, b| b.odds.total_cmp(&a.odds));
             (found, of_a_mode(&free))
