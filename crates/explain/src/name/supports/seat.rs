@@ -26,8 +26,8 @@ use crate::question::Question;
 const SHARES: [f64; 6] = [-0.6, -0.2, -0.06, 0.06, 0.2, 0.6];
 const FORMS: usize = 2 * SHARES.len();
 /// Radial gaps that are tried: the least (µm), the steps (ln), how many; shares of the stiffness of
-/// a softer bearing, by the same steps. A step moves the absorber by half the width of a mode of 4 %
-/// damping.
+/// a softer bearing, by the same steps. A step moves the absorber by half the width of a mode of 4
+/// % damping.
 const LEAST_GAP_UM: f64 = 1.0;
 const GAP_STEP: f64 = 0.16;
 const GAPS: u32 = 34;
@@ -42,8 +42,8 @@ struct Carried {
 }
 
 impl Carried {
-    /// Change (ln) of what a sensor reads at a frequency (Hz), where shares of stiffness and damping
-    /// are left.
+    /// Change (ln) of what a sensor reads at a frequency (Hz), where shares of stiffness and of
+    /// damping are left.
     fn change(&self, hz: f64, left: [f64; 2], share: f64) -> f64 {
         let felt = |left: [f64; 2]| (Complex64::ONE + share * self.transmissibility(hz, left)).norm();
         let change = (felt([1.0; 2]) / felt(left)).ln();
@@ -128,7 +128,7 @@ mod tests {
         let omega = std::f64::consts::TAU * hz;
         let driven = |left: f64| {
             let spring = Complex64::new(left * gear.stiffness_n_per_m, omega * gear.damping_n_s_per_m);
-            // Motion of the gear by that of the housing, and the force of the spring on the housing.
+            // Motion of the gear by that of the housing; the spring's force on the housing.
             let follows = spring / (spring - gear.mass_kg * omega * omega);
             (spring * (1.0 - follows) - housing_kg * omega * omega).inv()
         };
