@@ -58,6 +58,7 @@ pub mod turning;
 
 mod blocks;
 mod channels;
+mod jitter;
 mod look;
 mod normal;
 mod over_angle;

@@ -9,6 +9,7 @@ use crate::comb::CombField;
 use crate::dsp::Transforms;
 use crate::integrity;
 use crate::powers::Precision;
+use crate::jitter::without_jitter;
 use crate::turning::PulseAngle;
 
 /// Samples without a gap.
@@ -160,7 +161,7 @@ impl<R: Run> Steady<'_, R> {
         if pulses.windows(2).any(|w| w[1] <= w[0]) || tacho.pulses_per_rev <= 0.0 {
             return None;
         }
-        let angle = PulseAngle::new(pulses, tacho.pulses_per_rev, self.sample_rate_hz, order)?;
+        let angle = PulseAngle::new(without_jitter(&pulses), tacho.pulses_per_rev, self.sample_rate_hz, order)?;
         let last = run.samples().len() - 1;
         let seconds = last as f64 / self.sample_rate_hz;
         let speed = (angle.at(last) - angle.at(0)) / seconds;

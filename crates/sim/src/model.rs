@@ -14,6 +14,7 @@ mod springs;
 
 use std::f64::consts::TAU;
 
+use gearwatch_core::bench::{Bench, Stage};
 use gearwatch_core::train::Train;
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
@@ -79,8 +80,9 @@ impl TrainModel {
     /// torque in N m over s).
     ///
     /// The drive is set so that the mean speed is the profile's under the torque at t = 0; a torque
-    /// that changes later makes the motor slip by its slope. `seed` draws the tooth positions at
-    /// the start and the slip of bearing cages.
+    /// that changes later makes the motor slip by its slope. `seed` draws where the train starts
+    /// and the slip of bearing cages. All seeds run one machine, whose gears sit on their shafts
+    /// alike.
     ///
     /// # Errors
     /// For a bench that cannot be simulated, in a sentence that says what would be right.
@@ -114,6 +116,7 @@ impl TrainModel {
         let last = linear.shaft_orders.last().copied().unwrap_or(1.0);
         let force_per_torque: Vec<f64> = linear.meshes.iter().map(|mesh| mesh.force_per_torque).collect();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let start_rad = TAU * start_cycles(bench, &mut random) / linear.meshes[0].order;
         let mut contacts = Vec::new();
         let mut friction_vectors = Vec::new();
         let mut phases: Vec<Phase> = Vec::new();
@@ -123,10 +126,7 @@ impl TrainModel {
             let begins = phases.len() == i;
             if begins {
                 of_stage = teeth_with_terms(setup, place.stage, &torque_nm, &motor_hz)?;
-                let second = spec.gearing.planetary.as_ref().map_or(spec.wheel.teeth, |set| set.planet.teeth);
-                let teeth = f64::from(spec.pinion.teeth) * f64::from(second);
-                let cycles = (random.random::<f64>() * teeth).floor() + random.random::<f64>();
-                let more = meshes::phases(bench, place.stage, cycles)
+                let more = meshes::phases(bench, place.stage, KEYED_CYCLES * place.stage as f64)
                     .map_err(|problem| MeshError { stage: spec.name.clone(), problem })?;
                 phases.extend(more);
             }
@@ -179,7 +179,8 @@ impl TrainModel {
                 &train,
                 setup.belt_creep * creep_share(torque, bench.brake.torque_nm),
                 &setup.speed_fluctuations,
-            ),
+            )
+            .starting_at(start_rad),
             motor_per_brake: last / train.motor_order,
             ripples: ripples(setup, torque),
             motor_order: train.motor_order,
@@ -396,6 +397,20 @@ fn add(out: &mut [f64], vector: &DVector<f64>, value: f64, mass: &DMatrix<f64>) 
             *out += component * value / mass[(i, i)];
         }
     }
+}
+
+/// By how much each stage's first mesh is ahead of the one of the stage before where all shafts
+/// stand at their angle 0 (cycles): how gears are keyed to their shafts. The golden section keeps
+/// the stages from meshing in step.
+const KEYED_CYCLES: f64 = 0.618_033_988_749_895;
+
+/// Draws how far the train has turned at the start (mesh cycles of the first stage): to any tooth
+/// of its gears, and of those that the later stages drive.
+fn start_cycles(bench: &Bench, random: &mut ChaCha8Rng) -> f64 {
+    let second = |stage: &Stage| stage.gearing.planetary.as_ref().map_or(stage.wheel.teeth, |set| set.planet.teeth);
+    let driven: f64 = bench.stages.iter().map(|stage| f64::from(second(stage))).product();
+    let teeth = bench.stages.first().map_or(0.0, |stage| f64::from(stage.pinion.teeth)) * driven;
+    (random.random::<f64>() * teeth).floor() + random.random::<f64>()
 }
 
 /// Creep follows the torque; a bench file without a nominal torque takes it as it is.

@@ -108,6 +108,8 @@ pub struct Rotation {
     motor_hz: Profile,
     /// First shaft's rad per motor revolution.
     rad_per_rev: f64,
+    /// Mean angle of the first shaft at t = 0 (rad).
+    start_rad: f64,
     /// (order of the first shaft or 0, Hz or 0, depth)
     fluctuations: Vec<(f64, f64, f64)>,
 }
@@ -124,7 +126,12 @@ impl Rotation {
                 }
             })
             .collect();
-        Self { motor_hz, rad_per_rev: TAU * (1.0 - belt_creep) / train.motor_order, fluctuations }
+        Self { motor_hz, rad_per_rev: TAU * (1.0 - belt_creep) / train.motor_order, start_rad: 0.0, fluctuations }
+    }
+
+    /// The same from another mean angle of the first shaft at t = 0 (rad).
+    pub fn starting_at(self, start_rad: f64) -> Self {
+        Self { start_rad, ..self }
     }
 
     /// Mean speed of the motor, fluctuations left out (Hz).
@@ -150,13 +157,13 @@ impl Rotation {
     /// Angle of the first shaft at a time (rad).
     #[inline(always)]
     pub fn angle(&self, t: f64) -> f64 {
-        let mean = self.rad_per_rev * self.motor_hz.integral(t);
+        let mean = self.start_rad + self.rad_per_rev * self.motor_hz.integral(t);
         if self.fluctuations.is_empty() { mean } else { self.at(t).0 }
     }
 
     /// Angle (rad), speed (rad/s) and acceleration (rad/s²) of the first shaft at a time (s).
     pub fn at(&self, t: f64) -> (f64, f64, f64) {
-        let mean = self.rad_per_rev * self.motor_hz.integral(t);
+        let mean = self.start_rad + self.rad_per_rev * self.motor_hz.integral(t);
         let speed = self.rad_per_rev * self.motor_hz.at(t);
         let acceleration = self.rad_per_rev * self.motor_hz.slope(t);
         let (mut angle, mut omega, mut alpha) = (mean, speed, acceleration);

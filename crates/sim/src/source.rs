@@ -53,7 +53,7 @@ pub struct SimConfig {
     pub effects: Vec<EffectSpec>,
     /// What happens over time.
     pub scenario: Scenario,
-    /// Draws tooth positions, noise, jitter and slip.
+    /// Draws where the train starts, noise, jitter and slip.
     pub seed: u64,
     /// Time of the first sample.
     pub t0: UnixNanos,

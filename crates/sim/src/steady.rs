@@ -165,7 +165,7 @@ impl SteadySolver {
     }
 
     /// The lines at some orders of the first shaft, at a motor speed (Hz) and a brake torque (N m);
-    /// `seed` draws the tooth positions as in [`TrainModel::new`].
+    /// `seed` draws the start as in [`TrainModel::new`].
     ///
     /// A call after another for a similar setup starts from its solution; where masses, shafts and
     /// bearings are the same, the frequency responses are kept as well. A part of the motion in

@@ -32,7 +32,7 @@ struct Simulator {
     scenario: Option<ScenarioKey>,
     /// `"max"`, or seconds of simulation per second.
     speed: Speed,
-    /// Draws tooth positions, noise, jitter and slip.
+    /// Draws where the train starts, noise, jitter and slip.
     seed: u64,
     /// Length (s, > 0); that of the scenario where left out.
     duration_secs: Option<f64>,

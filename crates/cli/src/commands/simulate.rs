@@ -70,7 +70,7 @@ pub struct Simulate {
     /// simulation
     #[arg(long, value_enum)]
     contact: Option<Contact>,
-    /// Draws tooth positions, noise and jitter; the same seed gives the same bytes
+    /// Draws where the train starts, noise and jitter; the same seed gives the same bytes
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Scenario file: profiles of speed and torque, faults that set in, sensors that fail

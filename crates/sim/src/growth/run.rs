@@ -42,7 +42,7 @@ pub struct Plan {
     pub repeatability_percent: f64,
     /// Length of the healthy recording that the scatter is taken from (s); 0 for none.
     pub scatter_s: f64,
-    /// Draws tooth positions, noise and the lives of pits.
+    /// Draws where the train starts, noise and the lives of pits.
     pub seed: u64,
 }
 

@@ -25,7 +25,7 @@ const RECORD_S: f64 = 2.0;
 const SETTLE_S: f64 = 1.0;
 /// Lines per revolution of the first shaft in the spectra.
 const LINES_PER_ORDER: f64 = 10.0;
-/// Draws tooth positions of the spectra's runs.
+/// Draws where the trains of the spectra start.
 const SEED: u64 = 0;
 
 /// The page of all operating points.
