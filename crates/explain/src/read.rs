@@ -21,7 +21,6 @@ pub mod order_swing;
 pub mod plain;
 pub mod ratio;
 pub mod scan;
-pub(crate) mod skirts;
 pub mod surprise;
 pub mod transients;
 pub mod wander;

@@ -17,7 +17,6 @@ use crate::read::dsp::{self, Transforms};
 use crate::read::integrity::{self, Integrity};
 use crate::read::lines::{Family, Line};
 use crate::read::order_swing::OrderSwing;
-use crate::read::skirts;
 
 pub use self::background::FloorBand;
 pub use self::line_fit::{LineValue, line_at};
@@ -156,7 +155,7 @@ pub fn read(
     }
     let (revolutions, input_hz) = (turned.revolutions, turned.input_hz);
     let (lines, taken) = (&turned.lines, &turned.taken);
-    let mut spectra: Vec<(Vec<f64>, OrderSpectrum)> = signals
+    let spectra: Vec<(Vec<f64>, OrderSpectrum)> = signals
         .iter()
         .map(|samples| {
             let angle_signal = dsp::resample_to_angle(transforms, samples, &angle);
@@ -175,7 +174,6 @@ pub fn read(
             of_shafts.iter_mut().zip(whole).for_each(|(a, b)| *a |= b);
         }
     }
-    skirts::add(&mut spectra, lines, revolutions, &of_shafts);
     let channels = steady
         .channels
         .iter()
