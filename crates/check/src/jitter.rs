@@ -162,8 +162,10 @@ mod tests {
     #[test]
     fn oracle_smoother_by_matrices() {
         let walk = 0.05;
-        let (n, off) = (40, pulses(40, 2e-6).1.iter().enumerate().map(|(k, t)| t - 0.02 * k as f64).collect::<Vec<_>>());
-        let differences = DMatrix::from_fn(n - 2, n, |i, j| [1.0, -2.0, 1.0].get(j.wrapping_sub(i)).copied().unwrap_or(0.0));
+        let (n, off) =
+            (40, pulses(40, 2e-6).1.iter().enumerate().map(|(k, t)| t - 0.02 * k as f64).collect::<Vec<_>>());
+        let differences =
+            DMatrix::from_fn(n - 2, n, |i, j| [1.0, -2.0, 1.0].get(j.wrapping_sub(i)).copied().unwrap_or(0.0));
         let variances = DMatrix::from_fn(n - 2, n - 2, |i, j| match i.abs_diff(j) {
             0 => walk * 2.0 / 3.0,
             1 => walk / 6.0,

@@ -8,8 +8,8 @@ use gearwatch_core::train::Train;
 use crate::comb::CombField;
 use crate::dsp::Transforms;
 use crate::integrity;
-use crate::powers::Precision;
 use crate::jitter::without_jitter;
+use crate::powers::Precision;
 use crate::turning::PulseAngle;
 
 /// Samples without a gap.
