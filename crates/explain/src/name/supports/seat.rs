@@ -26,8 +26,8 @@ use crate::question::Question;
 const SHARES: [f64; 6] = [-0.6, -0.2, -0.06, 0.06, 0.2, 0.6];
 const FORMS: usize = 2 * SHARES.len();
 /// Radial gaps that are tried: the least (µm), the steps (ln), how many; shares of the stiffness of
-/// a softer bearing, by the same steps. A step moves the absorber by 8 % of its frequency, the width
-/// of a mode of 4 % damping.
+/// a softer bearing, by the same steps. A step moves the absorber by 8 % of its frequency, the
+/// width of a mode of 4 % damping.
 const LEAST_GAP_UM: f64 = 1.0;
 const GAP_STEP: f64 = 0.16;
 const GAPS: u32 = 34;
