@@ -134,8 +134,8 @@ mod tests {
 
     use super::*;
 
-    /// Times of pulses 20 ms apart whose period walks steadily by `walk_s` a pulse: as they are, and
-    /// seen with a jitter of 5 µs.
+    /// Times of pulses 20 ms apart whose period walks steadily by `walk_s` a pulse: as they are,
+    /// and seen with a jitter of 5 µs.
     fn pulses(n: usize, walk_s: f64) -> (Vec<f64>, Vec<f64>) {
         let mut random = ChaCha8Rng::seed_from_u64(11);
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };

@@ -78,7 +78,7 @@ pub struct Grow {
     /// Scatter of amplitudes from day to day, beside that of windows (percent)
     #[arg(long, value_name = "PERCENT", default_value_t = 2.0)]
     repeatability: f64,
-    /// Draws where the train starts, noise and the lives of pits; the same seed gives the same bytes
+    /// Draws the start, noise and the lives of pits; the same seed gives the same bytes
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Table to write, a row a step, sensor and stage: .csv or .json
