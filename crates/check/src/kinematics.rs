@@ -268,9 +268,14 @@ impl Moved {
         self.other.extend(lone(other, sheet));
     }
 
+    /// Lines of the side that has fewer.
+    fn fewest(&self) -> usize {
+        self.sheet.len().min(self.other.len())
+    }
+
     /// Mean gain per line and its standard score.
     fn gain(&self) -> (f64, f64) {
-        if self.sheet.len().min(self.other.len()) < TEETH_LINES {
+        if self.fewest() < TEETH_LINES {
             return (0.0, 0.0);
         }
         let moments = |v: &[f64]| {
@@ -417,8 +422,11 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
     let told = if sure {
         few || stands_out(one.score, &scores, OF_NOBODY_MOVED)
     } else {
-        // The sheet's own lines must not stand out as well.
-        !few && stands_out(one.score, &scores, OF_NOBODY) && one.of_sheet < middle + 0.5 * (one.score - middle)
+        // The sheet's own lines must not stand out as well. Where few lines move, all others are met
+        // by both sheets alike, and a faint gain is of parts of a bin.
+        !few && one.moved.fewest() >= TEETH_LINES
+            && stands_out(one.score, &scores, OF_NOBODY)
+            && one.of_sheet < middle + 0.5 * (one.score - middle)
     };
     let believed = told && !sheet_has_lines(&one.moved, &nobody);
     Some(LikeliestTeeth { teeth: one.gear, bench: one.bench, believed })
