@@ -1,5 +1,7 @@
 //! Names for masks: what the law over load and speed and the support leave of the library.
 
+use gearwatch_core::train::Train;
+
 use crate::change::locate::{self, Cell, Place};
 use crate::change::masks::{self, Mask};
 use crate::change::one_gear::OneGear;
@@ -209,8 +211,10 @@ fn rises(cells: &[Cell], place: Place) -> bool {
     all > 0 && up * 5 >= all * 4
 }
 
-/// Ripple of a torque or speed at a multiple of a shaft.
+/// Ripple of a torque or speed at a multiple of a shaft, or of the one that has the same order at a
+/// lower multiple.
 pub fn ripple(q: &Question<'_>, j: usize, k: u8, exponent: Option<f64>) -> Finding {
+    let (j, k) = lowest_multiple(q.train, j, k);
     let last = q.train.shafts.len() - 1;
     let shaft = q.train.shafts[j].0.clone();
     let steady = exponent.is_some_and(|p| p < 0.4);
@@ -224,6 +228,18 @@ pub fn ripple(q: &Question<'_>, j: usize, k: u8, exponent: Option<f64>) -> Findi
     f.evidence.place = format!("order {k} of {shaft}");
     f
 }
+
+/// The shaft that has an order at the lowest multiple: 2x of a shaft that another turns by 2/5 is 5x
+/// of that one, and what drives unevenly does so a few times a turn.
+fn lowest_multiple(train: &Train, shaft: usize, multiple: u8) -> (usize, u8) {
+    let order = f64::from(multiple) * train.shafts[shaft].1;
+    let same = |j: usize, k: u8| (f64::from(k) * train.shafts[j].1 / order - 1.0).abs() < SAME_ORDER;
+    let all = (1..multiple).flat_map(|k| (0..train.shafts.len()).map(move |j| (j, k)));
+    all.into_iter().find(|(j, k)| same(*j, *k)).unwrap_or((shaft, multiple))
+}
+
+/// Orders that differ by less (relative) are one, up to rounding.
+const SAME_ORDER: f64 = 1e-9;
 
 /// The mask that a finding stands for.
 pub fn mask_of(q: &Question<'_>, f: &Finding) -> Option<Place> {
@@ -279,5 +295,24 @@ pub fn advice(q: &Question<'_>, first: &str, place: &str, other: &str, other_pla
         _ => format!(
             "record at least four loads, 4:1, at {speed:.0} Hz, and a run-up over 2:1 in speed: load and frequency laws separate {pair}"
         ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gearwatch_core::bench::Bench;
+
+    /// The intermediate shaft of 32/80 teeth turns at 2/5: its 5x is 2x of the input shaft. What no
+    /// other shaft has at a lower multiple stays.
+    #[test]
+    fn analytic_an_order_is_of_the_shaft_with_the_lowest_multiple() {
+        let bench = Bench::from_toml(include_str!("../../../sim/src/shipped/spectraquest-like.toml")).unwrap();
+        assert_eq!((bench.stages[0].pinion.teeth, bench.stages[0].wheel.teeth), (32, 80));
+        let train = Train::new(&bench);
+        assert_eq!(lowest_multiple(&train, 1, 5), (0, 2));
+        assert_eq!(lowest_multiple(&train, 1, 10), (0, 4));
+        assert_eq!(lowest_multiple(&train, 1, 2), (1, 2));
+        assert_eq!(lowest_multiple(&train, 0, 2), (0, 2));
     }
 }
