@@ -422,8 +422,8 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
     let told = if sure {
         few || stands_out(one.score, &scores, OF_NOBODY_MOVED)
     } else {
-        // The sheet's own lines must not stand out as well. Where few lines move, all others are met
-        // by both sheets alike, and a faint gain is of parts of a bin.
+        // The sheet's own lines must not stand out as well. Where few lines move, both sheets meet
+        // all others alike, and a faint gain is of parts of a bin.
         !few && one.moved.fewest() >= TEETH_LINES
             && stands_out(one.score, &scores, OF_NOBODY)
             && one.of_sheet < middle + 0.5 * (one.score - middle)
