@@ -229,8 +229,8 @@ pub fn ripple(q: &Question<'_>, j: usize, k: u8, exponent: Option<f64>) -> Findi
     f
 }
 
-/// The shaft that has an order at the lowest multiple. Where a shaft turns at 2/5 of another, its 5x
-/// is 2x of that one, and what drives unevenly does so a few times a turn.
+/// The shaft that has an order at the lowest multiple. Where a shaft turns at 2/5 of another, its
+/// 5x is 2x of that one, and what drives unevenly does so a few times a turn.
 fn lowest_multiple(train: &Train, shaft: usize, multiple: u8) -> (usize, u8) {
     let order = f64::from(multiple) * train.shafts[shaft].1;
     let same = |j: usize, k: u8| (f64::from(k) * train.shafts[j].1 / order - 1.0).abs() < SAME_ORDER;
