@@ -268,14 +268,9 @@ impl Moved {
         self.other.extend(lone(other, sheet));
     }
 
-    /// Lines of the side that has fewer.
-    fn fewest(&self) -> usize {
-        self.sheet.len().min(self.other.len())
-    }
-
     /// Mean gain per line and its standard score.
     fn gain(&self) -> (f64, f64) {
-        if self.fewest() < TEETH_LINES {
+        if self.sheet.len().min(self.other.len()) < TEETH_LINES {
             return (0.0, 0.0);
         }
         let moments = |v: &[f64]| {
@@ -422,9 +417,10 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
     let told = if sure {
         few || stands_out(one.score, &scores, OF_NOBODY_MOVED)
     } else {
-        // The sheet's own lines must not stand out as well. Where few lines move, both sheets meet
-        // all others alike, and a faint gain is of parts of a bin.
-        !few && one.moved.fewest() >= TEETH_LINES
+        // The sheet's own lines must not stand out as well. The last wheel moves no mesh at all, and
+        // is counted over shaft angle.
+        let last_wheel = !one.gear.pinion && one.gear.stage + 1 == bench.stages.len();
+        !few && !last_wheel
             && stands_out(one.score, &scores, OF_NOBODY)
             && one.of_sheet < middle + 0.5 * (one.score - middle)
     };
