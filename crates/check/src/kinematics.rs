@@ -417,8 +417,8 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
     let told = if sure {
         few || stands_out(one.score, &scores, OF_NOBODY_MOVED)
     } else {
-        // The sheet's own lines must not stand out as well. The last wheel moves no mesh at all, and
-        // is counted over shaft angle.
+        // The sheet's own lines must not stand out as well. The last wheel moves no mesh at all:
+        // it is counted over shaft angle.
         let last_wheel = !one.gear.pinion && one.gear.stage + 1 == bench.stages.len();
         !few && !last_wheel
             && stands_out(one.score, &scores, OF_NOBODY)

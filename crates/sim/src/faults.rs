@@ -7,6 +7,7 @@
 use std::collections::BTreeMap;
 
 use gearwatch_core::bench::term::Harmonic;
+use num_complex::Complex;
 
 use crate::geometry::GearGeometry;
 
@@ -133,6 +134,16 @@ pub struct GearModifications {
 }
 
 impl GearModifications {
+    /// Puts the gear off its axis by so much more (m), in a direction at phase 0 (rad): centre
+    /// distances from an axis add as vectors.
+    pub fn add_eccentricity(&mut self, more_m: f64, phase_rad: f64) {
+        let own = Complex::from_polar(self.eccentricity_m, self.eccentricity_phase_rad);
+        let sum = own + Complex::from_polar(more_m, phase_rad);
+        // A gear that ran true is off by exactly what is added.
+        (self.eccentricity_m, self.eccentricity_phase_rad) =
+            if self.eccentricity_m == 0.0 { (more_m, phase_rad) } else { sum.to_polar() };
+    }
+
     /// Changes the damage of one tooth, starting from what all teeth have.
     pub fn damage_tooth(&mut self, tooth: u32, change: impl FnOnce(&mut ToothDamage)) {
         change(self.teeth.entry(tooth).or_insert_with(|| self.all_teeth.clone()));
@@ -397,5 +408,24 @@ impl ToothDamage {
             area -= lost;
         }
         (area, inertia)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+    /// Two at right angles are off by √2 halfway between; two that are opposite leave none.
+    #[test]
+    fn analytic_eccentricities_add_as_vectors() {
+        let mut gear = GearModifications::default();
+        gear.add_eccentricity(5e-6, 0.3);
+        assert_eq!((gear.eccentricity_m, gear.eccentricity_phase_rad), (5e-6, 0.3));
+        gear.add_eccentricity(5e-6, 0.3 + FRAC_PI_2);
+        assert!((gear.eccentricity_m - 5e-6 * 2.0f64.sqrt()).abs() < 1e-18);
+        assert!((gear.eccentricity_phase_rad - 0.3 - FRAC_PI_4).abs() < 1e-12);
+        gear.add_eccentricity(gear.eccentricity_m, gear.eccentricity_phase_rad + PI);
+        assert!(gear.eccentricity_m < 1e-18);
     }
 }

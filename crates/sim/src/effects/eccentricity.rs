@@ -15,7 +15,7 @@ impl Effect for Eccentricity {
     }
 
     fn help(&self) -> &'static str {
-        "A gear sits eccentric on its axis: one line at its speed, and sidebands at once per revolution about the mesh lines, by the changing centre distance and mesh phase. runout_um is the eccentricity: half of the peak to peak runout."
+        "A gear sits eccentric on its axis: one line at its speed, and sidebands at once per revolution about the mesh lines, by the changing centre distance and mesh phase. runout_um is the eccentricity: half of the peak to peak runout. What the gear has already adds as a vector."
     }
 
     fn places(&self) -> &'static [PlaceKind] {
@@ -36,8 +36,7 @@ impl Effect for Eccentricity {
     fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {
         if let Some(gear) = GearAt::of(values) {
             gear.change_all(setup, |modifications| {
-                modifications.eccentricity_m = 1e-6 * values.get("runout_um");
-                modifications.eccentricity_phase_rad = values.get("phase_deg").to_radians();
+                modifications.add_eccentricity(1e-6 * values.get("runout_um"), values.get("phase_deg").to_radians());
             });
         }
         Ok(())
