@@ -369,6 +369,7 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
     let sheet_tells = telling(&Train::new(bench), &sheet.orders);
     let mut best: Option<Candidate> = None;
     let mut faint: Option<Candidate> = None;
+    let mut tried = 0usize;
     for (stage, gears) in bench.stages.iter().enumerate() {
         for (pinion, teeth) in [(true, gears.pinion.teeth), (false, gears.wheel.teeth)] {
             let near = (-TEETH_REACH..=TEETH_REACH).filter(|change| *change != 0);
@@ -377,6 +378,7 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
                 if all.iter().any(|steady| against_display(&other, steady)) {
                     continue;
                 }
+                tried += 1;
                 let fit = Fit::of(&other, all, fields, false);
                 let telling = both(&sheet_tells, &telling(&Train::new(&other), &fit.orders));
                 let moved = Moved::between(fields, (&sheet, &fit), &telling);
@@ -417,10 +419,10 @@ pub fn likeliest_teeth(bench: &Bench, all: &[Steady<'_, impl Run>], fields: &[Co
     let told = if sure {
         few || stands_out(one.score, &scores, OF_NOBODY_MOVED)
     } else {
-        // The sheet's own lines must not stand out as well. The last wheel moves no mesh at all:
-        // it is counted over shaft angle.
-        let last_wheel = !one.gear.pinion && one.gear.stage + 1 == bench.stages.len();
-        !few && !last_wheel
+        // The sheet's own lines must not stand out as well. The log excess of all lines is about
+        // the log odds of this number, of which each that was tried has its share beforehand.
+        let lines = one.telling.iter().filter(|tells| **tells).count() as f64;
+        !few && (one.score - one.of_sheet) * lines > (tried as f64).ln()
             && stands_out(one.score, &scores, OF_NOBODY)
             && one.of_sheet < middle + 0.5 * (one.score - middle)
     };
