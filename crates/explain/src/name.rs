@@ -14,6 +14,7 @@ pub mod gear;
 pub mod gear_side;
 pub mod ghost;
 pub mod mates;
+pub mod odds;
 pub mod own_sensor;
 pub mod parting;
 pub mod path;

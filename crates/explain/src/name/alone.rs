@@ -10,8 +10,9 @@ use crate::change::locate::REPEAT_SIGMA;
 use crate::finding::Finding;
 use crate::question::Question;
 use crate::read::SAME_SPEED;
+use crate::name::subname;
 use crate::read::dsp::{mean, median};
-use crate::read::lines::{Family, SHAFT_MULTIPLES};
+use crate::read::lines::{Family, MOTOR_MULTIPLES, SHAFT_MULTIPLES};
 
 /// Power over noise from which a line tells how it goes with the load.
 const CLEAR: f64 = 4.0;
@@ -49,9 +50,6 @@ const ON_SEVERAL: Standing = Standing { lead: 1.5, height: 2.5, least: 1.2 };
 /// lines, and of each.
 const RISEN: f64 = 0.7;
 const RISEN_EVERYWHERE: f64 = 0.3;
-/// Orders that a row must show.
-const LEAST_ROW: usize = 6;
-
 /// How the amplitude of an order goes with the torque at one speed.
 pub struct Law {
     /// Exponent of the torque.
@@ -62,9 +60,40 @@ pub struct Law {
     misfit: f64,
 }
 
-/// One multiple of a shaft over all recordings and channels.
+/// What turns, and has orders.
+#[derive(Clone, Copy)]
+enum Turns {
+    Shaft(usize),
+    /// A motor that drives by a belt.
+    Motor,
+}
+
+impl Turns {
+    fn family(self, multiple: u8) -> Family {
+        match self {
+            Self::Shaft(shaft) => Family::Shaft { shaft, multiple },
+            Self::Motor => Family::Motor { multiple },
+        }
+    }
+
+    fn multiples(self) -> u8 {
+        match self {
+            Self::Shaft(_) => SHAFT_MULTIPLES,
+            Self::Motor => MOTOR_MULTIPLES,
+        }
+    }
+
+    fn name<'a>(self, q: &Question<'a>) -> &'a str {
+        match self {
+            Self::Shaft(shaft) => &q.train.shafts[shaft].0,
+            Self::Motor => "motor",
+        }
+    }
+}
+
+/// One multiple of what turns over all recordings and channels.
 struct Order {
-    shaft: usize,
+    turns: Turns,
     multiple: u8,
     /// Mean height over the middle of its row (nats).
     height: f64,
@@ -80,14 +109,13 @@ struct Order {
 /// Power and noise by recording and channel.
 pub type Powers = Vec<Vec<Option<(f64, f64)>>>;
 
-/// Power and noise of one multiple of a shaft by recording and channel; what clips shows its own
-/// lines.
-fn powers(q: &Question<'_>, shaft: usize, multiple: u8) -> Powers {
+/// Power and noise of one order by recording and channel; what clips shows its own lines.
+fn powers(q: &Question<'_>, order: Family) -> Powers {
     let clipped = |name: &str| {
         q.recordings.iter().flat_map(|r| &r.channels).any(|c| c.name == name && c.integrity.clipped_at.is_some())
     };
     let of = |r: &crate::read::features::RecordingFeatures| {
-        let at = r.lines.iter().position(|l| l.family == (Family::Shaft { shaft, multiple }));
+        let at = r.lines.iter().position(|l| l.family == order);
         let value = |c: &crate::read::features::ChannelFeatures| {
             let v = c.values[at?]?;
             (!clipped(&c.name)).then(|| (v.amplitude.norm_sqr(), v.noise.max(f64::MIN_POSITIVE)))
@@ -149,9 +177,10 @@ fn least_lead(at_speeds: &[Vec<Option<f64>>], k: usize) -> f64 {
     at_speeds.iter().filter_map(lead).fold(f64::INFINITY, f64::min)
 }
 
-/// The multiples of a shaft from the second on; the first has causes enough of its own.
-fn row(q: &Question<'_>, shaft: usize) -> Vec<Order> {
-    let all: Vec<(u8, Powers)> = (2..=SHAFT_MULTIPLES).map(|k| (k, powers(q, shaft, k))).collect();
+/// The multiples from the second on; the first has causes enough of its own. A row must show half
+/// of its orders.
+fn row(q: &Question<'_>, turns: Turns) -> Vec<Order> {
+    let all: Vec<(u8, Powers)> = (2..=turns.multiples()).map(|k| (k, powers(q, turns.family(k)))).collect();
     // By order: recording and height.
     let mut heights: Vec<Vec<(usize, f64)>> = vec![Vec::new(); all.len()];
     let mut clear: Vec<Vec<f64>> = vec![Vec::new(); all.len()];
@@ -161,7 +190,7 @@ fn row(q: &Question<'_>, shaft: usize) -> Vec<Order> {
                 x.1[i][c].map(|(p, n)| (0.5 * p.max(n).ln() - f64::from(x.0).ln(), 0.5 * (p / n).max(1.0).ln()))
             };
             let values: Vec<Option<(f64, f64)>> = all.iter().map(at).collect();
-            if values.iter().flatten().count() < LEAST_ROW {
+            if 2 * values.iter().flatten().count() < all.len() {
                 continue;
             }
             for (k, own) in values.iter().enumerate() {
@@ -187,7 +216,7 @@ fn row(q: &Question<'_>, shaft: usize) -> Vec<Order> {
     for (k, (multiple, powers)) in all.iter().enumerate() {
         let Some(height) = everywhere[k] else { continue };
         out.push(Order {
-            shaft,
+            turns,
             multiple: *multiple,
             height,
             lead: least_lead(&at_speeds, k),
@@ -199,11 +228,11 @@ fn row(q: &Question<'_>, shaft: usize) -> Vec<Order> {
     out
 }
 
-/// Whether an order has risen over the reference, and the first order of its shaft has not risen as
+/// Whether an order has risen over the reference, and the first of its row has not risen as
 /// much: looseness raises a row from its first on.
 fn risen(q: &Question<'_>, o: &Order) -> bool {
     let changes = |multiple: u8| -> Vec<f64> {
-        let own = Family::Shaft { shaft: o.shaft, multiple };
+        let own = o.turns.family(multiple);
         q.comparison.lines.iter().filter(|l| l.family == own).map(|l| l.log_ratio).collect()
     };
     let (mut own, mut first) = (changes(o.multiple), changes(1));
@@ -214,15 +243,16 @@ fn risen(q: &Question<'_>, o: &Order) -> bool {
     rise > RISEN && (first.is_empty() || median(&mut first) < 0.5 * rise)
 }
 
-/// A single multiple of a shaft that grows with the torque, or that stands out from its row in
+/// A single multiple of a shaft or the motor that grows with the torque, or that stands out from its row in
 /// every recording: ripple of a torque or a speed. Where there is a reference, it must be new.
 pub fn ripple(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
-    let orders: Vec<Order> = (0..q.train.shafts.len()).flat_map(|j| row(q, j)).collect();
+    let shafts = (0..q.train.shafts.len()).map(Turns::Shaft);
+    let orders: Vec<Order> = shafts.chain([Turns::Motor]).flat_map(|turns| row(q, turns)).collect();
     let new = |o: &&Order| q.comparison.pairs.is_empty() || risen(q, o);
     let several =
         q.recordings.iter().all(|r| r.channels.iter().filter(|c| c.integrity.clipped_at.is_none()).count() > 1);
     let must = if several || !q.comparison.pairs.is_empty() { ON_SEVERAL } else { ON_ONE_SENSOR };
-    let name = |o: &Order| format!("{}x of {}", o.multiple, q.train.shafts[o.shaft].0);
+    let name = |o: &Order| format!("{}x of {}", o.multiple, o.turns.name(q));
     let grows = |o: &&Order| {
         o.clear > RIPPLE_CLEAR
             && o.height > RIPPLE_HEIGHT
@@ -252,7 +282,11 @@ pub fn ripple(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     }
     let growing = orders.iter().filter(grows).filter(new).max_by(|a, b| a.clear.total_cmp(&b.clear));
     let o = growing.or_else(|| orders.iter().filter(stands).filter(new).max_by(highest))?;
-    let mut f = crate::name::subname::ripple(q, o.shaft, o.multiple, o.law.as_ref().map(|l| l.exponent));
+    let exponent = o.law.as_ref().map(|l| l.exponent);
+    let mut f = match o.turns {
+        Turns::Shaft(shaft) => subname::ripple(q, shaft, o.multiple, exponent),
+        Turns::Motor => subname::motor_ripple(q, o.multiple, exponent),
+    };
     if let Some(l) = &o.law {
         f.probability = 0.85;
         f.evidence.law = format!("amplitude ∝ torque^{:.2} at one speed", l.exponent);

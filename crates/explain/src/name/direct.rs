@@ -239,7 +239,11 @@ pub fn without_reference(q: &Question<'_>, findings: &mut Vec<Finding>, steps: &
     // A ripple leaves the first order as it is, while what happens once a turn may lift others of
     // the row.
     if !spoilt && findings.len() == known {
-        findings.extend(crate::name::first::once_a_turn(q, steps));
+        findings.extend(crate::name::first::run_out(q, steps));
+    }
+    // Unbalance is a force of its own, beside errors of the teeth too.
+    if !spoilt && findings[known..].iter().all(|f| f.effect == "pitch_error") {
+        findings.extend(crate::name::first::unbalance(q, steps));
     }
     if findings.len() == known {
         findings.extend(crate::name::alone::ripple(q, steps));

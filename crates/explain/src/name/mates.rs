@@ -10,6 +10,7 @@ use gearwatch_core::bench::Stage;
 
 use crate::finding::Finding;
 use crate::name::gear::gear_name;
+use crate::name::odds::Usual;
 use crate::question::Question;
 use crate::read::dsp::{mean, median};
 use crate::read::features::{ChannelFeatures, RecordingFeatures};
@@ -22,7 +23,7 @@ const LEAST: usize = 8;
 /// By how much sound pinions lead beyond `½ ln(z₂/z₁)` (ln amplitude, median over mesh harmonics,
 /// sensors and recordings): middle and standard deviation of 54 drawn pairs
 /// (`just campaign-mates`).
-const SOUND: (f64, f64) = (0.2, 0.5);
+const SOUND: Usual = Usual { middle: 0.2, sigma: 0.5 };
 /// With errors of pitch by anything from there to this much, as likely each: to fifty times the
 /// errors of the mate.
 const MOST: f64 = 4.0;
@@ -35,11 +36,12 @@ const SUREST: f64 = 0.8;
 pub fn pitch_error(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     let lead_of = |stage: usize| Some((lead(&q.bench.stages[stage], stage, q.recordings)?, stage));
     let leads = (0..q.train.stages.len()).filter_map(lead_of);
-    let beyond = |lead: f64| (lead - SOUND.0).abs();
+    let beyond = |lead: f64| (lead - SOUND.middle).abs();
     let (lead, stage) = leads.max_by(|a, b| beyond(a.0).total_cmp(&beyond(b.0)))?;
     let (gear, mate) = (gear_name(q, stage, stage), gear_name(q, stage, stage + 1));
-    let (gear, mate) = if lead > SOUND.0 { (gear, mate) } else { (mate, gear) };
-    let (off, odds) = (beyond(lead), odds(beyond(lead)));
+    let (gear, mate) = if lead > SOUND.middle { (gear, mate) } else { (mate, gear) };
+    let off = beyond(lead);
+    let odds = SOUND.odds(off, MOST, USUAL);
     steps.push(format!(
         "sidebands of {gear} from the third on lead those of {mate} by {off:.1} nats beyond what sound gears do; odds of errors of pitch {odds:.1e}"
     ));
@@ -51,16 +53,9 @@ pub fn pitch_error(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding>
     f.evidence.place = format!("sidebands of {gear} from the third on");
     f.evidence.support = format!(
         "they lead those of {mate} by {off:.1} nats beyond what fewer teeth make; sound gears differ by {:.1}",
-        SOUND.1
+        SOUND.sigma
     );
     Some(f)
-}
-
-/// Odds of errors of pitch of one of the gears by how far its lead is from the usual.
-fn odds(off: f64) -> f64 {
-    let sigma = SOUND.1;
-    let without = (-0.5 * (off.min(MOST) / sigma).powi(2)).exp() / (sigma * std::f64::consts::TAU.sqrt());
-    USUAL * MOST.recip() / without
 }
 
 /// How far the sidebands of the pinion lead those of the wheel beyond what their teeth make of it
@@ -111,16 +106,6 @@ mod tests {
     /// Benches that are drawn for the campaign.
     const DRAWN: u64 = 60;
 
-    /// Even odds where the density of sound gears is a hundredth of that with errors; none to speak
-    /// of where the lead is usual.
-    #[test]
-    fn analytic_odds_of_errors_of_pitch() {
-        let peak = 1.0 / (SOUND.1 * std::f64::consts::TAU.sqrt());
-        let even = SOUND.1 * (2.0 * (peak * MOST / USUAL).ln()).sqrt();
-        assert!((odds(even) - 1.0).abs() < 1e-9);
-        assert!(odds(0.0) < 0.01 && odds(MOST) > 1e6);
-    }
-
     /// Errors of 20 and of 80 teeth, each drawn for itself: the third component of the former's
     /// Fourier series leads on the mean of many draws.
     #[test]
@@ -158,7 +143,7 @@ mod tests {
         let middle = mean(&leads);
         let sigma = (leads.iter().map(|l| (l - middle).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
         println!("sound pinions lead by {middle:.2} ± {sigma:.2} beyond their teeth in {count} pairs: {leads:.2?}");
-        assert!((middle - SOUND.0).abs() < 3.0 * sigma / count.sqrt());
-        assert!((sigma - SOUND.1).abs() < 3.0 * SOUND.1 / (2.0 * count).sqrt());
+        assert!((middle - SOUND.middle).abs() < 3.0 * sigma / count.sqrt());
+        assert!((sigma - SOUND.sigma).abs() < 3.0 * SOUND.sigma / (2.0 * count).sqrt());
     }
 }

@@ -127,9 +127,9 @@ fn is_foreign(l: &StrangeLine) -> bool {
     l.excess > NEW_LINE && l.least > 1.5 && mains(l.position).is_none() && (others > 1 || l.by_channel.len() == 1)
 }
 
-/// A line that is no mains, beside all combs, on a bench with other sensors that may not show it.
+/// A line that is no mains, beside all combs; other sensors may not show it.
 fn may_be_of_one_sensor(l: &StrangeLine) -> bool {
-    l.off_comb > FITTED_OFF && l.by_channel.len() > 1 && mains(l.position).is_none()
+    l.off_comb > FITTED_OFF && mains(l.position).is_none()
 }
 
 impl Strange {

@@ -12,7 +12,7 @@ use crate::name::gear;
 use crate::name::shared::{self, Depth};
 use crate::question::Question;
 use crate::read::dsp::median;
-use crate::read::lines::Family;
+use crate::read::lines::{Family, SAME_LINE};
 
 /// A mask in words.
 pub fn describe(q: &Question<'_>, place: Place) -> String {
@@ -167,7 +167,7 @@ fn of_place(
         Place::ShaftOrders(j) if rises(cells, place) => Finding::new("looseness", q.train.shafts[j].0.clone(), 0.6),
         Place::ShaftOrders(_) => shared::finding(q, Place::Dynamics, cells, depth, steps)?,
         Place::ShaftOrder(j, k) | Place::ShaftLine(j, k) => ripple(q, j, k, exponent),
-        Place::MotorOrder(k) => ripple(q, 0, k, exponent),
+        Place::MotorOrder(k) => motor_ripple(q, k, exponent),
         // Once a revolution: the first sidebands change more than the mesh harmonics that they
         // stand beside.
         Place::LowSide(i, j)
@@ -217,15 +217,33 @@ pub fn ripple(q: &Question<'_>, j: usize, k: u8, exponent: Option<f64>) -> Findi
     let (j, k) = lowest_multiple(q.train, j, k);
     let last = q.train.shafts.len() - 1;
     let shaft = q.train.shafts[j].0.clone();
-    let steady = exponent.is_some_and(|p| p < 0.4);
     let torque = |place: &str| ("torque_ripple", place.to_owned());
-    let mut names = if j == last { vec![torque("brake"), torque("coupling")] } else { vec![torque("motor")] };
-    // Ripple of a torque is a share of that torque; a speed that fluctuates does so at any load.
-    names.insert(usize::from(!steady), ("speed_fluctuation", shaft.clone()));
-    let (effect, place) = names.remove(0);
-    let mut f = Finding::new(effect, place, 0.65).with("order", f64::from(k), 0.2);
-    f.alternatives = names;
+    let torques = if j == last { vec![torque("brake"), torque("coupling")] } else { vec![torque("motor")] };
+    let mut f = of_torque_or_speed(torques, &shaft, exponent).with("order", f64::from(k), 0.2);
     f.evidence.place = format!("order {k} of {shaft}");
+    f
+}
+
+/// Ripple of the torque or speed of a motor behind a belt, at a multiple of the motor.
+pub fn motor_ripple(q: &Question<'_>, k: u8, exponent: Option<f64>) -> Finding {
+    let torques = vec![("torque_ripple", "motor".to_owned())];
+    let f = of_torque_or_speed(torques, &q.train.shafts[0].0, exponent);
+    // The order of a speed is counted in turns of its shaft.
+    let turns = if f.effect == "torque_ripple" { 1.0 } else { q.train.motor_order };
+    let mut f = f.with("order", f64::from(k) * turns, 0.2);
+    f.evidence.place = format!("order {k} of the motor");
+    f
+}
+
+/// Ripple of one of these torques or of a shaft's speed, by the exponent over the torque: ripple of
+/// a torque is a share of that torque; a speed that fluctuates does so at any load.
+fn of_torque_or_speed(torques: Vec<(&'static str, String)>, shaft: &str, exponent: Option<f64>) -> Finding {
+    let steady = exponent.is_some_and(|p| p < 0.4);
+    let mut names = torques;
+    names.insert(usize::from(!steady), ("speed_fluctuation", shaft.to_owned()));
+    let (effect, place) = names.remove(0);
+    let mut f = Finding::new(effect, place, 0.65);
+    f.alternatives = names;
     f
 }
 
@@ -233,13 +251,10 @@ pub fn ripple(q: &Question<'_>, j: usize, k: u8, exponent: Option<f64>) -> Findi
 /// 5x is 2x of that one, and what drives unevenly does so a few times a turn.
 fn lowest_multiple(train: &Train, shaft: usize, multiple: u8) -> (usize, u8) {
     let order = f64::from(multiple) * train.shafts[shaft].1;
-    let same = |j: usize, k: u8| (f64::from(k) * train.shafts[j].1 / order - 1.0).abs() < SAME_ORDER;
+    let same = |j: usize, k: u8| (f64::from(k) * train.shafts[j].1 - order).abs() < SAME_LINE;
     let all = (1..multiple).flat_map(|k| (0..train.shafts.len()).map(move |j| (j, k)));
     all.into_iter().find(|(j, k)| same(*j, *k)).unwrap_or((shaft, multiple))
 }
-
-/// Orders that differ by less (relative) are one, up to rounding.
-const SAME_ORDER: f64 = 1e-9;
 
 /// The mask that a finding stands for.
 pub fn mask_of(q: &Question<'_>, f: &Finding) -> Option<Place> {
@@ -257,6 +272,7 @@ pub fn mask_of(q: &Question<'_>, f: &Finding) -> Option<Place> {
         "pitch_error" | "tooth_breakage" | "root_crack" | "pitting" => gear().map(|(i, j)| Place::Gear(i, j)),
         "unbalance" => shaft_at(&f.place).map(|j| Place::ShaftLine(j, 1)),
         "looseness" => shaft_at(&f.place).map(Place::ShaftOrders),
+        "torque_ripple" if f.place == "motor" && q.bench.belt.is_some() => order().map(Place::MotorOrder),
         "torque_ripple" | "speed_fluctuation" => {
             let j = match f.place.as_str() {
                 "motor" => 0,

@@ -58,7 +58,8 @@ struct Support {
 }
 
 /// Weighs a changed path that all sensors have in common against the supports of every shaft and
-/// the meshes of every stage, and names the support where that is the likelier. All names are as
+/// the meshes of every stage, and names the support where that is the likelier; where it is not,
+/// those that come near stand beside the path. All names are as
 /// likely before: a mode of the housing, another function of frequency, stiffness, damping and play
 /// of each shaft's bearings, and each effect of a stage's meshes.
 ///
@@ -104,6 +105,10 @@ pub fn weigh(
     let [best, others @ ..] = &supports[..] else { return false };
     let probability = share(best.odds) / sum;
     if probability < 0.5 {
+        let of_path = share(0.0) + share(mode);
+        let near = supports.iter().chain(&meshes).filter(|s| share(s.odds) > IN_SET * of_path);
+        finding.alternatives.extend(near.map(|s| (s.effect, s.place.clone())));
+        finding.probability *= of_path / sum;
         return false;
     }
     let mut f = Finding::new(best.effect, best.place.clone(), SUREST * probability);

@@ -7,6 +7,7 @@
 
 use crate::change::align::CLEAR;
 use crate::finding::Finding;
+use crate::name::odds::Usual;
 use crate::question::Question;
 use crate::read::dsp::mean;
 use crate::read::features::LineValue;
@@ -19,7 +20,7 @@ const BESIDE: std::ops::RangeInclusive<usize> = 2..=3;
 /// By how much the first multiple leads beyond these (ln, mean over sensors and operating points)
 /// on a bench without unbalance: middle and standard deviation of the 16 of 120 drawn benches with
 /// pitch errors whose first multiple rises clearly (`just campaign-first-order`).
-const WITHOUT: (f64, f64) = (-0.2, 0.5);
+const WITHOUT: Usual = Usual { middle: -0.2, sigma: 0.5 };
 /// With unbalance by anything from there to this much, as likely each: from nothing to a force
 /// three thousand times that of the teeth. More counts as that.
 const MOST: f64 = 8.0;
@@ -31,7 +32,7 @@ const SUREST: f64 = 0.8;
 pub fn beside_teeth(q: &Question<'_>, gear: (usize, usize), steps: &mut Vec<String>) -> Option<Finding> {
     let lead = lead(q, gear)?;
     let shaft = &q.train.shafts[gear.1].0;
-    let odds = odds(lead);
+    let odds = WITHOUT.odds(lead - WITHOUT.middle, MOST, USUAL);
     steps.push(format!(
         "first order of {shaft} over its sidebands, beyond the second and third over theirs: {lead:.1} nats; odds of unbalance {odds:.1e}"
     ));
@@ -45,15 +46,6 @@ pub fn beside_teeth(q: &Question<'_>, gear: (usize, usize), steps: &mut Vec<Stri
         "beside the sidebands at its distance it is {lead:.1} nats higher than the second and third order beside theirs: more than the errors of the teeth make"
     );
     Some(f)
-}
-
-/// Odds of unbalance by how far the first multiple leads.
-fn odds(lead: f64) -> f64 {
-    let (middle, sigma) = WITHOUT;
-    let off = (lead - middle).min(MOST) / sigma;
-    let without = (-0.5 * off * off).exp() / (sigma * std::f64::consts::TAU.sqrt());
-    let with = if off < 0.0 { 0.0 } else { MOST.recip() };
-    USUAL * with / without
 }
 
 /// How far the first multiple of a gear's shaft leads the sidebands at its distance, beyond what
@@ -124,18 +116,6 @@ mod tests {
         assert_eq!(over_sidebands(1, 23, &|m| (m < 40).then_some(0.0)), None);
     }
 
-    /// Even odds where the density without unbalance is a thirtieth of that with it; none where the
-    /// first order leads by less than usual.
-    #[test]
-    fn analytic_odds_of_unbalance() {
-        let (middle, sigma) = WITHOUT;
-        let peak = 1.0 / (sigma * std::f64::consts::TAU.sqrt());
-        let even = middle + sigma * (2.0 * (peak * MOST / USUAL).ln()).sqrt();
-        assert!((odds(even) - 1.0).abs() < 1e-9);
-        assert_eq!(odds(middle - 0.1), 0.0);
-        assert!(odds(middle + MOST) > 1e9 && odds(middle + 2.0 * MOST) == odds(middle + MOST));
-    }
-
     /// How far first orders lead on drawn benches with pitch errors, within three standard errors
     /// of the middle and of the deviation.
     #[test]
@@ -157,7 +137,7 @@ mod tests {
         let middle = mean(&leads);
         let sigma = (leads.iter().map(|l| (l - middle).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
         println!("first orders lead by {middle:.2} ± {sigma:.2} in {count} benches: {leads:.2?}");
-        assert!((middle - WITHOUT.0).abs() < 3.0 * sigma / count.sqrt());
-        assert!((sigma - WITHOUT.1).abs() < 3.0 * WITHOUT.1 / (2.0 * count).sqrt());
+        assert!((middle - WITHOUT.middle).abs() < 3.0 * sigma / count.sqrt());
+        assert!((sigma - WITHOUT.sigma).abs() < 3.0 * WITHOUT.sigma / (2.0 * count).sqrt());
     }
 }
