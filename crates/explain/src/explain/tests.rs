@@ -2,9 +2,11 @@
 
 use super::*;
 use crate::judge::report::Status;
+use crate::name::first::turning_kg;
 use gearwatch_core::bench::*;
 use gearwatch_core::block::{OperatingPoint, Quality};
 use gearwatch_core::recording::{Channel, Segment};
+use gearwatch_sim::linear::DIRECT_PATH_MASS_KG;
 use rand::{RngExt, SeedableRng};
 use std::f64::consts::TAU;
 
@@ -104,9 +106,20 @@ fn record(speed_hz: f64, torque_nm: f64, seed: u64, teeth: f64, more: &dyn Fn(us
     recording
 }
 
+/// Speed (Hz) and torque (N m) of the recordings of a session.
+const POINTS: [(f64, f64); 4] = [(20.0, 20.0), (20.0, 40.0), (30.0, 20.0), (30.0, 40.0)];
+
 fn session(seed: u64, teeth: f64, more: &dyn Fn(usize, f64, f64) -> f64) -> Vec<Recording> {
-    let points = [(20.0, 20.0), (20.0, 40.0), (30.0, 20.0), (30.0, 40.0)];
-    points.iter().zip(seed..).map(|(&(speed, torque), s)| record(speed, torque, s, teeth, more)).collect()
+    POINTS.iter().zip(seed..).map(|(&(speed, torque), s)| record(speed, torque, s, teeth, more)).collect()
+}
+
+/// A session of a sheet with its teeth, whose recordings hold an order of the input shaft besides,
+/// of an amplitude (m/s²) by speed and torque.
+fn with_order(seed: u64, order: f64, amplitude: &dyn Fn(f64, f64) -> f64) -> Vec<Recording> {
+    let one = |(&(speed, torque), s): (&(f64, f64), u64)| {
+        record(speed, torque, s, 23.0, &|_, _, angle| amplitude(speed, torque) * (TAU * order * angle).cos())
+    };
+    POINTS.iter().zip(seed..).map(one).collect()
 }
 
 fn ask(recordings: &[Recording], reference: &[Recording]) -> Explanation {
@@ -456,14 +469,42 @@ fn analytic_a_swing_of_fixed_frequency_is_a_speed_that_fluctuates() {
     assert_eq!(ask(&swung(1), &swung(50)).status, Status::Consistent);
 }
 
-/// Without a reference: the first order of the output shaft far above its row is unbalance, the
-/// first sidebands of the wheel far above the others run-out; a sound bench is neither.
+/// Without a reference, behind a belt: what grows with the torque at the third order of the motor is
+/// ripple of its torque, what stays a speed that fluctuates, counted in turns of the input shaft.
+#[test]
+fn analytic_orders_of_a_motor_behind_a_belt_need_no_reference() {
+    let ratio = 2.07;
+    let belted = belted(ratio);
+    let of = |amplitude: &dyn Fn(f64, f64) -> f64| {
+        let mut now = with_order(1, 3.0 * ratio, amplitude);
+        now.iter_mut().flat_map(|r| &mut r.operating_points).for_each(|point| point.motor_speed_hz *= ratio);
+        let input = Input { bench: &belted, recordings: &now, reference: &[], without: &[] };
+        explain(&input, &mut |_| {}).unwrap().explanation
+    };
+    let growing = of(&|_, torque| 0.02 * torque);
+    assert_eq!(first(&growing), ("torque_ripple", "motor"), "{:?}", growing.steps);
+    assert_eq!(growing.effects[0].parameters["order"].value(), 3.0);
+    let steady = of(&|_, _| 0.6);
+    assert_eq!(first(&steady), ("speed_fluctuation", "input"), "{:?}", steady.steps);
+    assert_eq!(steady.effects[0].parameters["order"].value(), 3.0 * ratio);
+}
+
+/// Without a reference: a shaft out of balance by 100 mm/s on a gearbox of 25 kg is named, one by
+/// 6.3 mm/s is not; the first sidebands of the wheel far above the others are run-out.
 #[test]
 fn analytic_what_happens_once_a_turn_needs_no_reference() {
     let shaft = 23.0 / 41.0;
-    let heavy = |_: usize, _: f64, angle: f64| 6.0 * (TAU * shaft * angle).cos();
-    let answer = ask(&session(1, 23.0, &heavy), &[]);
+    let kg = turning_kg(&bench(), 1);
+    // `a = m e ω² / M`, `G = e ω` at the highest speed.
+    let heavy = |grade_mm_per_s: f64| {
+        let eccentricity_m = 1e-3 * grade_mm_per_s / (TAU * shaft * 30.0);
+        let force = move |speed: f64, _: f64| kg * eccentricity_m * (TAU * shaft * speed).powi(2) / DIRECT_PATH_MASS_KG;
+        ask(&with_order(1, shaft, &force), &[])
+    };
+    let answer = heavy(100.0);
     assert_eq!(first(&answer), ("unbalance", "output"), "{:?}", answer.steps);
+    assert!(answer.steps.iter().any(|s| s.contains("out of balance by 100")), "{:?}", answer.steps);
+    assert_eq!(heavy(6.3).status, Status::Consistent);
     let eccentric = |_: usize, _: f64, angle: f64| {
         let sides = (1..=6).map(|h| {
             let mesh = 23.0 * f64::from(h);

@@ -8,9 +8,9 @@
 
 use crate::change::locate::REPEAT_SIGMA;
 use crate::finding::Finding;
+use crate::name::subname;
 use crate::question::Question;
 use crate::read::SAME_SPEED;
-use crate::name::subname;
 use crate::read::dsp::{mean, median};
 use crate::read::lines::{Family, MOTOR_MULTIPLES, SHAFT_MULTIPLES};
 
