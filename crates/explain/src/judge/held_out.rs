@@ -241,8 +241,9 @@ fn decide(finding: &mut Finding, misfits: &[Option<f64>], none: &Residuals, step
         std::iter::once(finding.effect).chain(finding.alternatives.iter().map(|(effect, _)| *effect)).collect();
     let by_lines = |effect: &str| refit::has_form(effect) || supports::weighs(effect);
     let weighed = |(effect, place): &(&'static str, String)| by_lines(effect) || is_path(effect, place);
-    let weighed: Vec<bool> = std::iter::once(true).chain(finding.alternatives.iter().map(weighed)).collect();
-    let ranked = |k: usize| by_lines(effects[0]) && weighed[k];
+    let own_weighed = weighed(&(finding.effect, finding.place.clone()));
+    let weighed: Vec<bool> = std::iter::once(own_weighed).chain(finding.alternatives.iter().map(weighed)).collect();
+    let ranked = |k: usize| own_weighed && weighed[k] && (by_lines(effects[0]) || by_lines(effects[k]));
     let prior = |k: usize| if k == 0 { finding.probability } else { (1.0 - finding.probability) / count as f64 };
     let gain = |k: usize| {
         let misfit = misfits.get(k).copied().flatten().filter(|_| !ranked(k));

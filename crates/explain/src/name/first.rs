@@ -162,6 +162,16 @@ pub fn unbalance(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
 mod tests {
     use super::*;
 
+    /// Unbalance is likelier than not from 43 mm/s on.
+    #[test]
+    fn analytic_the_grade_from_which_unbalance_is_named() {
+        let probability = |grade_mm_per_s: f64| {
+            let odds = SOUND.odds(grade_mm_per_s.ln() - SOUND.middle, MOST, USUAL);
+            SUREST * odds / (1.0 + odds)
+        };
+        assert!(probability(42.0) < 0.5 && probability(43.0) > 0.5);
+    }
+
     /// A steel cylinder of 40 mm radius and 120 mm length: 4.7 kg, 3.8e-3 kg m².
     #[test]
     fn analytic_mass_of_a_cylinder_by_its_inertia() {

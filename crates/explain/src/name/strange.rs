@@ -299,7 +299,7 @@ pub fn add_strange(
     let alone = findings.is_empty() && !*unexplained && !bearing_seen;
     // Another machine may have a line that lies on the mains.
     if let Some(l) = strange.picked_up.iter().find(|l| l.multiple.is_some() || alone).filter(|_| !foreign) {
-        findings.push(pickup(l));
+        findings.push(pickup(l, channels.len() == 1));
     } else if foreign {
         let lines = strange.foreign();
         steps.push(format!(
@@ -415,7 +415,7 @@ pub fn swinging(q: &Question<'_>, s: &Swinging) -> Finding {
     f
 }
 
-fn pickup(l: &FixedLine) -> Finding {
+fn pickup(l: &FixedLine, only_sensor: bool) -> Finding {
     let (hz, sigma_hz) = l.hz;
     let (amplitude, sigma) = l.amplitude;
     let mut f = Finding::new("electrical_pickup", l.channel.clone(), if l.multiple.is_some() { 0.95 } else { 0.6 })
@@ -424,7 +424,8 @@ fn pickup(l: &FixedLine) -> Finding {
     if l.multiple.is_none() {
         f.alternatives.push(("aliasing", f.place.clone()));
     }
-    f.evidence.place = format!("a line at {hz:.2} Hz at every speed, on this sensor alone");
+    let on = if only_sensor { "the only sensor" } else { "this sensor alone" };
+    f.evidence.place = format!("a line at {hz:.2} Hz at every speed, on {on}");
     f.evidence.law = "fixed frequency, no order".into();
     f.evidence.support = format!(
         "one amplitude in all recordings is likelier by {:.1} nats than another in each; of the machine's own lines {:.0e} may be expected to be as much alike",
@@ -476,7 +477,8 @@ mod tests {
     }
 
     /// A line of one sensor, 4 nats above the noise in every recording, is asked for where chance
-    /// brings lines of 2.3, and not where it brings lines of 4, nor where there is one speed only.
+    /// brings lines of 2.3, and not where it brings lines of 4, nor where there is one speed only;
+    /// so is one of the only sensor.
     #[test]
     fn analytic_a_line_of_one_sensor_stands_out_of_chance() {
         let own = || vec![line(3663.5, 4.0, &[5.0, 0.0])];
@@ -484,6 +486,8 @@ mod tests {
         assert_eq!(found(own(), chance(2.3)).beside_mains(), [3663.5]);
         assert!(found(own(), chance(4.0)).beside_mains().is_empty());
         assert!(found(own(), Vec::new()).beside_mains().is_empty());
+        let only = vec![line(3663.5, 4.0, &[5.0])];
+        assert_eq!(found(only, vec![vec![line(1234.5, 2.3, &[3.0])]; 8]).beside_mains(), [3663.5]);
     }
 
     /// Three lines of several sensors are another machine's where chance brings none, and the
