@@ -144,6 +144,12 @@ impl GearModifications {
             if self.eccentricity_m == 0.0 { (more_m, phase_rad) } else { sum.to_polar() };
     }
 
+    /// Puts each tooth off its place by so much more (m).
+    pub fn add_pitch_errors(&mut self, more_m: &[f64]) {
+        self.pitch_error_m.resize(more_m.len(), 0.0);
+        self.pitch_error_m.iter_mut().zip(more_m).for_each(|(own, more)| *own += more);
+    }
+
     /// Changes the damage of one tooth, starting from what all teeth have.
     pub fn damage_tooth(&mut self, tooth: u32, change: impl FnOnce(&mut ToothDamage)) {
         change(self.teeth.entry(tooth).or_insert_with(|| self.all_teeth.clone()));
@@ -415,6 +421,16 @@ impl ToothDamage {
 mod tests {
     use super::*;
     use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+    /// Errors of a gear that was made true are what is added, and further ones add to them.
+    #[test]
+    fn analytic_pitch_errors_add_tooth_by_tooth() {
+        let mut gear = GearModifications::default();
+        gear.add_pitch_errors(&[1e-6, -2e-6, 0.0]);
+        assert_eq!(gear.pitch_error_m, [1e-6, -2e-6, 0.0]);
+        gear.add_pitch_errors(&[1e-6, 2e-6, -3e-6]);
+        assert_eq!(gear.pitch_error_m, [2e-6, 0.0, -3e-6]);
+    }
 
     /// Two at right angles are off by √2 halfway between; two that are opposite leave none.
     #[test]

@@ -243,8 +243,9 @@ fn risen(q: &Question<'_>, o: &Order) -> bool {
     rise > RISEN && (first.is_empty() || median(&mut first) < 0.5 * rise)
 }
 
-/// A single multiple of a shaft or the motor that grows with the torque, or that stands out from its row in
-/// every recording: ripple of a torque or a speed. Where there is a reference, it must be new.
+/// A single multiple of a shaft or the motor that grows with the torque, or that stands out from
+/// its row in every recording: ripple of a torque or a speed. Where there is a reference, it must
+/// be new.
 pub fn ripple(q: &Question<'_>, steps: &mut Vec<String>) -> Option<Finding> {
     let shafts = (0..q.train.shafts.len()).map(Turns::Shaft);
     let orders: Vec<Order> = shafts.chain([Turns::Motor]).flat_map(|turns| row(q, turns)).collect();

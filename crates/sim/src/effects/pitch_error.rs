@@ -18,7 +18,7 @@ impl Effect for PitchError {
     }
 
     fn help(&self) -> &'static str {
-        "The teeth of a gear are not evenly spaced: an irregular comb of shaft orders and sidebands that repeats every revolution. While neighbouring teeth differ by less than they deflect the load does not change the shaft orders; the sidebands it does."
+        "The teeth of a gear are not evenly spaced: an irregular comb of shaft orders and sidebands that repeats every revolution. While neighbouring teeth differ by less than they deflect the load does not change the shaft orders; the sidebands it does. What the gear has already is added to, tooth by tooth."
     }
 
     fn places(&self) -> &'static [PlaceKind] {
@@ -39,8 +39,8 @@ impl Effect for PitchError {
     fn apply(&self, values: &Values, setup: &mut SimSetup) -> Result<(), EffectError> {
         if let Some(gear) = GearAt::of(values) {
             let teeth = gear.teeth(&setup.bench);
-            gear.modifications(setup).pitch_error_m =
-                pattern(teeth, values.get("pattern") as u64, 1e-6 * values.get("total_um"));
+            let errors = pattern(teeth, values.get("pattern") as u64, 1e-6 * values.get("total_um"));
+            gear.modifications(setup).add_pitch_errors(&errors);
         }
         Ok(())
     }
