@@ -470,7 +470,7 @@ fn analytic_a_swing_of_fixed_frequency_is_a_speed_that_fluctuates() {
 }
 
 /// Without a reference, behind a belt: what grows with the torque at the third order of the motor
-/// is ripple of its torque, what stays a speed that fluctuates, counted in turns of the input shaft.
+/// is ripple of its torque, what stays a speed that fluctuates, by turns of the input shaft.
 #[test]
 fn analytic_orders_of_a_motor_behind_a_belt_need_no_reference() {
     let ratio = 2.07;

@@ -3,8 +3,9 @@
 //! The errors of a sound gear's teeth put something on every sideband of its shaft. Run-out raises
 //! the first sidebands of its own gear above the second and third, through a path that all of them
 //! share. Unbalance leaves the sidebands as they are. Its force is known to scale: rotors are
-//! balanced to a grade, `G = e ω` (ISO 21940-11), and the force `m e ω²` at a bearing moves the mass
-//! of a gearbox. The first order of a shaft so tells its grade within what mass and balancing vary.
+//! balanced to a grade, `G = e ω` (ISO 21940-11), and the force `m e ω²` at a bearing moves the
+//! mass of a gearbox. The first order of a shaft so tells its grade within what mass and balancing
+//! vary.
 
 use std::f64::consts::TAU;
 
