@@ -347,6 +347,7 @@ fn line_means(all: &Comparison, held: &[usize]) -> Vec<Prediction> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::finding::HOUSING;
     use crate::prove;
 
     /// Half a normal distribution against an even one: where both densities are equal the
@@ -366,21 +367,29 @@ mod tests {
     }
 
     /// A rival that leaves a third of the misfit takes the place of a gear fault, which nothing
-    /// else has weighed; what the joint refit has ranked stays as it was.
+    /// else has weighed; what the joint refit has ranked stays as it was, and so does a path that
+    /// was weighed against a bearing.
     #[test]
     fn analytic_what_the_refit_ranked_is_not_weighed_again() {
-        let decided = |effect: &'static str, rival: &'static str, held: f64| {
-            let mut f = Finding::new(effect, "stage1.pinion", 0.6);
-            f.alternatives.push((rival, "stage1.pinion".to_owned()));
+        let decided_at = |(effect, place): (&'static str, &str), rival: (&'static str, String), held: f64| {
+            let mut f = Finding::new(effect, place, 0.6);
+            f.alternatives.push(rival);
             let none = Residuals { lines: 40, fitted: held, held, channels_db: Vec::new() };
             let best = decide(&mut f, &[Some(6.0), Some(2.0)], &none, &mut Vec::new());
             (best, f.effect, f.probability)
+        };
+        let decided = |effect: &'static str, rival: &'static str, held: f64| {
+            decided_at((effect, "stage1.pinion"), (rival, "stage1.pinion".to_owned()), held)
         };
         let (best, effect, probability) = decided("eccentricity", "pitch_error", 8.0);
         assert_eq!((best, effect), (1, "pitch_error"));
         assert!(probability > 0.9);
         assert_eq!(decided("eccentricity", "pitch_error", 0.9), (0, "eccentricity", 0.6));
         assert_eq!(decided("tip_relief", "profile_error", 8.0), (0, "tip_relief", 0.6));
+        let (path, bearing) = (("structural_resonance", HOUSING), ("bearing_compliance", "output".to_owned()));
+        assert_eq!(decided_at(path, bearing, 8.0), (0, "structural_resonance", 0.6));
+        let mounting = ("sensor_mounting", "acc_1".to_owned());
+        assert_eq!(decided_at(path, mounting, 8.0).1, "sensor_mounting");
     }
 
     /// The error of a path's model in drawn benches, within twice its standard error.
