@@ -244,14 +244,19 @@ fn decide(finding: &mut Finding, misfits: &[Option<f64>], none: &Residuals, step
     let own_weighed = weighed(&(finding.effect, finding.place.clone()));
     let weighed: Vec<bool> = std::iter::once(own_weighed).chain(finding.alternatives.iter().map(weighed)).collect();
     let ranked = |k: usize| own_weighed && weighed[k] && (by_lines(effects[0]) || by_lines(effects[k]));
-    let prior = |k: usize| if k == 0 { finding.probability } else { (1.0 - finding.probability) / count as f64 };
+    // What stands first is no less probable than each rival; what is left is of something else.
+    let own_prior = finding.probability;
+    let of_rival = ((1.0 - own_prior) / count as f64).min(own_prior);
+    let prior = |k: usize| if k == 0 { own_prior } else { of_rival };
     let gain = |k: usize| {
         let misfit = misfits.get(k).copied().flatten().filter(|_| !ranked(k));
         misfit.map_or(0.0, |m| nats(none.lines, m, own).clamp(-MOST, MOST))
     };
     let weights: Vec<f64> = (0..=count).map(|k| prior(k) * gain(k).exp()).collect();
-    let sum: f64 = weights.iter().sum();
-    let best = (0..=count).max_by(|a, b| weights[*a].total_cmp(&weights[*b])).unwrap_or(0);
+    let sum = weights.iter().sum::<f64>() + (1.0 - own_prior - of_rival * count as f64).max(0.0);
+    // Only a rival whose model was asked comes first.
+    let asked = misfits.len().min(weights.len());
+    let best = (1..asked).fold(0, |best, k| if weights[k] > weights[best] { k } else { best });
     let mut names = vec![(finding.effect, finding.place.clone())];
     names.append(&mut finding.alternatives);
     if best > 0 {
@@ -388,6 +393,14 @@ mod tests {
         assert_eq!(decided("tip_relief", "profile_error", 8.0), (0, "tip_relief", 0.6));
         let (path, bearing) = (("structural_resonance", HOUSING), ("bearing_compliance", "output".to_owned()));
         assert_eq!(decided_at(path, bearing, 8.0), (0, "structural_resonance", 0.6));
+        // One of many rivals that has no model of its own does not come first, however doubtful
+        // what does.
+        let mut doubtful = Finding::new(path.0, path.1, 0.1);
+        doubtful.alternatives = (0..5).map(|k| ("looseness", format!("shaft{k}"))).collect();
+        let none = Residuals { lines: 40, fitted: 8.0, held: 8.0, channels_db: Vec::new() };
+        let misfits = [Some(6.0), Some(2.0), Some(2.0), Some(2.0)];
+        assert_eq!(decide(&mut doubtful, &misfits, &none, &mut Vec::new()), 0);
+        assert!((doubtful.probability - 0.1).abs() < 1e-12 && doubtful.alternatives.len() == 5);
         let mounting = ("sensor_mounting", "acc_1".to_owned());
         assert_eq!(decided_at(path, mounting, 8.0).1, "sensor_mounting");
     }

@@ -43,7 +43,7 @@ const MODE_SHARES: [f64; 11] = [-2.0, -0.6, -0.2, -0.06, -0.02, 0.0, 0.02, 0.06,
 
 /// Least deviation of a factor (ln): three of the factors that are tried.
 const LEAST_SPREAD: f64 = 0.25;
-/// Supports that the steps tell.
+/// Supports that the steps tell, and that may stand beside a path.
 const SAID: usize = 3;
 
 /// An effect of a shaft's supports or a stage's meshes, and how much likelier it is than a function
@@ -106,8 +106,10 @@ pub fn weigh(
     let probability = share(best.odds) / sum;
     if probability < 0.5 {
         let of_path = share(0.0) + share(mode);
-        let near = supports.iter().chain(&meshes).filter(|s| share(s.odds) > IN_SET * of_path);
-        finding.alternatives.extend(near.map(|s| (s.effect, s.place.clone())));
+        let mut near: Vec<&Support> = supports.iter().chain(&meshes).collect();
+        near.retain(|s| share(s.odds) > IN_SET * of_path);
+        near.sort_by(|a, b| b.odds.total_cmp(&a.odds));
+        finding.alternatives.extend(near.into_iter().take(SAID).map(|s| (s.effect, s.place.clone())));
         finding.probability *= of_path / sum;
         return false;
     }
